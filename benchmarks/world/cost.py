@@ -17,7 +17,6 @@ from core.extractor import Extractor
 from core.params import Params
 from core.types import ExtractorState
 from core.world.params import WorldParams
-from core.world.plane_index import plane_bytes
 from core.world.serialize import SavedSection
 from core.world.snapshot import WorldSnapshot
 from core.world.world import Observation, World
@@ -128,7 +127,7 @@ def costs(frames: Sequence[Observation], rounds: int, sizes: Sequence[int] = SIZ
     for planes, world, a, c in zip(sizes, worlds, add, changes, strict=True):
         section = world.section
         assert section is not None
-        memory = plane_bytes(section.tables)
+        memory = sum(t.nbytes for t in section.tables) / len(section.tables.planes)
         a, c = a[len(frames) :], c[len(frames) :]  # the first round compiles, and makes the free blocks
         out.append(
             Cost(

@@ -242,16 +242,12 @@ def rotation_between(first: Pyramid, second: Pyramid, R_second_first: Floats) ->
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Motion:
-    """Motion p_second = R p_first + t in optical axes.
+    """Motion p_second = R p_first + t in optical axes."""
 
-    Attributes:
-        rotation_rad: (3,) rotation vector of R.
-        rotation_sd_rad: (3,) its standard deviation by the depth noise.
-        given_rotation_m: (3,) t if the rotation is the guess, which is more accurate than the images: otherwise t would
-            compensate the error of the rotation."""
-
-    rotation_rad: Floats
-    rotation_sd_rad: Floats
+    rotation_rad: Floats  # (3,) rotation vector of R
+    rotation_sd_rad: Floats  # (3,) its standard deviation by the depth noise
+    # (3,) t if the rotation is the guess, which is more accurate than the images: otherwise t would compensate the
+    # error of the rotation
     given_rotation_m: Floats
 
 

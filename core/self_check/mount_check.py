@@ -72,32 +72,20 @@ class MountVerdict(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class MountState:
-    """State of the check, which one frame passes to the next.
+    """State of the check, which one frame passes to the next."""
 
-    Attributes:
-        t_ns: newest measurement; None: there was none.
-        measurements: number of measurements.
-        verdict: present verdict.
-        pending: verdict that the newest measurements support.
-        streak: number of these measurements.
-        slope_rad: apparent slope of the newest surface that may be the ground.
-        ground: the newest measurement found such a surface.
-        confirmations: consecutive measurements that estimate an error.
-        residual_rad: mean residual of the slope, north and east.
-        filter: state of the filter.
-        heading_jump_ns: first stamp after the newest jump of the heading by which north and east of the terrain are those of
-            the autopilot's estimate; 0: there was none."""
-
-    t_ns: int | None = None
-    measurements: int = 0
-    verdict: MountVerdict = MountVerdict.UNKNOWN
-    pending: MountVerdict = MountVerdict.UNKNOWN
-    streak: int = 0
-    slope_rad: float = 0.0
-    ground: bool = False
-    confirmations: int = 0
-    residual_rad: tuple[float, float] = (0.0, 0.0)
-    filter: FilterState = field(default_factory=FilterState)
+    t_ns: int | None = None  # newest measurement; None: there was none
+    measurements: int = 0  # number of measurements
+    verdict: MountVerdict = MountVerdict.UNKNOWN  # present verdict
+    pending: MountVerdict = MountVerdict.UNKNOWN  # verdict that the newest measurements support
+    streak: int = 0  # number of these measurements
+    slope_rad: float = 0.0  # apparent slope of the newest surface that may be the ground
+    ground: bool = False  # the newest measurement found such a surface
+    confirmations: int = 0  # consecutive measurements that estimate an error
+    residual_rad: tuple[float, float] = (0.0, 0.0)  # mean residual of the slope, north and east
+    filter: FilterState = field(default_factory=FilterState)  # state of the filter
+    # first stamp after the newest jump of the heading by which north and east of the terrain are those of the
+    # autopilot's estimate; 0: there was none
     heading_jump_ns: int = 0
 
     @property

@@ -54,21 +54,15 @@ class Walls(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class MountCues:
-    """Cues of one frame, in level_cam.
+    """Cues of one frame, in level_cam."""
 
-    Attributes:
-        ground: a ground was found.
-        slope_x_rad, slope_y_rad: its inclination along x and y as angles, positive where it descends.
-        distance_m: distance to its plane.
-        slope_sd_rad: standard deviation of the slope from this frame.
-        walls: what the walls show about that slope."""
-
-    ground: bool
+    ground: bool  # a ground was found
+    # slope_x_rad, slope_y_rad: its inclination along x and y as angles, positive where it descends
     slope_x_rad: float = 0.0
     slope_y_rad: float = 0.0
-    distance_m: float = math.nan
-    slope_sd_rad: float = 0.0
-    walls: Walls = Walls.UNDECIDED
+    distance_m: float = math.nan  # distance to its plane
+    slope_sd_rad: float = 0.0  # standard deviation of the slope from this frame
+    walls: Walls = Walls.UNDECIDED  # what the walls show about that slope
 
     @property
     def slope_rad(self) -> float:

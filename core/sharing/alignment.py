@@ -84,18 +84,12 @@ class FitResult(Code):
 
 @dataclass(frozen=True, slots=True)
 class Fit:
-    """A fit.
+    """A fit."""
 
-    Attributes:
-        result: result.
-        placement: refined if the result is ACCEPTED, otherwise that by position.
-        matched_m: length of matched planes.
-        agreeing: share of the samples in the common area that match."""
-
-    result: FitResult
-    placement: Placement
-    matched_m: float = 0.0
-    agreeing: float = math.nan
+    result: FitResult  # result
+    placement: Placement  # refined if the result is ACCEPTED, otherwise that by position
+    matched_m: float = 0.0  # length of matched planes
+    agreeing: float = math.nan  # share of the samples in the common area that match
 
 
 @dataclass(frozen=True, slots=True)

@@ -32,26 +32,17 @@ MOST_VELOCITY_SLACK_M_S = 3.0
 
 @dataclass(frozen=True, slots=True)
 class MovingReport:
-    """A moving obstacle in the own frame, now.
+    """A moving obstacle in the own frame, now."""
 
-    Attributes:
-        centre_m, half_size_m: its box, without the uncertainty of its place.
-        velocity_m_s: horizontal.
-        sigma_m_s: of the velocity, on each axis.
-        margin_m, margin_z_m: uncertainty of its place, horizontal and vertical.
-        error_m: the part of margin_m that its reporter states, without that of the frames.
-        age_s: of its velocity.
-        partial: it may be a part of something larger."""
-
-    centre_m: tuple[float, float, float]
+    centre_m: tuple[float, float, float]  # centre_m, half_size_m: its box, without the uncertainty of its place
     half_size_m: tuple[float, float, float]
-    velocity_m_s: tuple[float, float]
-    sigma_m_s: float = 0.0
-    margin_m: float = 0.0
+    velocity_m_s: tuple[float, float]  # horizontal
+    sigma_m_s: float = 0.0  # of the velocity, on each axis
+    margin_m: float = 0.0  # margin_m, margin_z_m: uncertainty of its place, horizontal and vertical
     margin_z_m: float = 0.0
-    error_m: float = 0.0
-    age_s: float = 0.0
-    partial: bool = False
+    error_m: float = 0.0  # the part of margin_m that its reporter states, without that of the frames
+    age_s: float = 0.0  # of its velocity
+    partial: bool = False  # it may be a part of something larger
 
 
 @dataclass(frozen=True, slots=True)

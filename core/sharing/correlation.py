@@ -20,31 +20,21 @@ REACH_SPREADS = 3.0
 
 @dataclass(frozen=True, slots=True)
 class Grid:
-    """Steps of a search.
+    """Steps of a search."""
 
-    Attributes:
-        cell_m, turn_rad: of shift and rotation.
-        spread_m: standard deviation of the score around a sample.
-        flat: the score is 1 within REACH_SPREADS times the spread."""
-
-    cell_m: float
+    cell_m: float  # cell_m, turn_rad: of shift and rotation
     turn_rad: float
-    spread_m: float
-    flat: bool = False
+    spread_m: float  # standard deviation of the score around a sample
+    flat: bool = False  # the score is 1 within REACH_SPREADS times the spread
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Scores:
-    """Scores of shifts and rotations.
+    """Scores of shifts and rotations."""
 
-    Attributes:
-        value: (K, C, C) sum over the samples, each from 0 to 1.
-        turn_rad: (K,) rotations.
-        shift_m: (C,) shifts along x and along y."""
-
-    value: Floats
-    turn_rad: Floats
-    shift_m: Floats
+    value: Floats  # (K, C, C) sum over the samples, each from 0 to 1
+    turn_rad: Floats  # (K,) rotations
+    shift_m: Floats  # (C,) shifts along x and along y
 
 
 def thinned(points: Floats, cell_m: float) -> NDArray[np.intp]:

@@ -31,19 +31,13 @@ MOST_CONTRADICTIONS = 2
 
 @dataclass(slots=True)
 class HeldPlane:
-    """A plane that a neighbour has reported, in its frame.
+    """A plane that a neighbour has reported, in its frame."""
 
-    Attributes:
-        box: a_x, a_y, b_x, b_y, top, bottom, m.
-        margin_m, flags: as reported.
-        seen_ns: newest observation by the neighbour, on the own clock.
-        received_ns: arrival of the newest packet with it, from which it expires."""
-
-    box: tuple[float, ...]
-    margin_m: float
+    box: tuple[float, ...]  # a_x, a_y, b_x, b_y, top, bottom, m
+    margin_m: float  # margin_m, flags: as reported
     flags: int
-    seen_ns: int
-    received_ns: int
+    seen_ns: int  # newest observation by the neighbour, on the own clock
+    received_ns: int  # arrival of the newest packet with it, from which it expires
 
 
 @dataclass(slots=True)
@@ -57,19 +51,14 @@ class HeldMover:
 
 @dataclass(slots=True)
 class FrameReports:
-    """What a neighbour has reported in one frame, and the place of that frame.
+    """What a neighbour has reported in one frame, and the place of that frame."""
 
-    Attributes:
-        state: newest state; None: not known.
-        planes, movers: by their numbers, the one received last at the end.
-        aligned: place by planes of both vehicles; None: not known.
-        aligned_ns: instant of the newest fit that has confirmed `aligned`."""
-
-    state: VehicleState | None = None
+    state: VehicleState | None = None  # newest state; None: not known
+    # planes, movers: by their numbers, the one received last at the end
     planes: dict[int, HeldPlane] = field(default_factory=dict)
     movers: dict[int, HeldMover] = field(default_factory=dict)
-    aligned: Placement | None = None
-    aligned_ns: int = 0
+    aligned: Placement | None = None  # place by planes of both vehicles; None: not known
+    aligned_ns: int = 0  # instant of the newest fit that has confirmed `aligned`
 
     def placement(self, own: LocalFrame | None) -> Placement | None:
         """Returns the place of the frame; None: not known."""
@@ -97,30 +86,21 @@ class FrameReports:
 
 @dataclass(slots=True)
 class Neighbour:
-    """The reports of one vehicle. Times are on the own clock; `expire` removes reports that are too old.
+    """The reports of one vehicle. Times are on the own clock; `expire` removes reports that are too old."""
 
-    Attributes:
-        vehicle, stream, section, sent_ms: of the newest packet, see `Header`.
-        received_ns: arrival of that packet.
-        least_offset_ms: least arrival less sent_ms, of the fastest packet, which delays are measured against.
-        state_ns: when the newest state or motion was sent.
-        present: reports in the present frame.
-        former: reports in frames that the neighbour has left. They keep the place of their frame, and expire there.
-        packets, refused: numbers of packets.
-        last_fit, fitted_ns: newest fit, and when it was tried."""
-
-    vehicle: int
+    vehicle: int  # vehicle, stream, section, sent_ms: of the newest packet, see `Header`
     stream: int
     section: int
     sent_ms: int
-    received_ns: int
-    least_offset_ms: float
-    state_ns: int = 0
-    present: FrameReports = field(default_factory=FrameReports)
+    received_ns: int  # arrival of that packet
+    least_offset_ms: float  # least arrival less sent_ms, of the fastest packet, which delays are measured against
+    state_ns: int = 0  # when the newest state or motion was sent
+    present: FrameReports = field(default_factory=FrameReports)  # reports in the present frame
+    # reports in frames that the neighbour has left. They keep the place of their frame, and expire there.
     former: list[FrameReports] = field(default_factory=list)
-    packets: int = 0
+    packets: int = 0  # packets, refused: numbers of packets
     refused: int = 0
-    last_fit: Fit | None = None
+    last_fit: Fit | None = None  # last_fit, fitted_ns: newest fit, and when it was tried
     fitted_ns: int = 0
     _candidate: Placement | None = None
     _contradictions: int = 0
@@ -160,7 +140,7 @@ class Neighbour:
         ):
             self._restart(header, arrival_ns)
         elif header.section != self.section:
-            self._new_section(header.section)
+            self._leave_frame(header.section)
         delay_s = self._delay_s(header, arrival_ns)
         drifted_ms = CLOCK_DRIFT * (arrival_ns - self.received_ns) / 1e6
         self.least_offset_ms = min(self.least_offset_ms + drifted_ms, arrival_ns / 1e6 - header.sent_ms)
@@ -237,21 +217,18 @@ class Neighbour:
     def _restart(self, header: Header, arrival_ns: int) -> None:
         self.stream, self.sent_ms = header.stream, -1
         self.least_offset_ms = arrival_ns / 1e6 - header.sent_ms
-        self._new_section(header.section)
+        self._leave_frame(header.section)
 
-    def _new_section(self, section: int) -> None:
+    def _leave_frame(self, section: int) -> None:
         """Begins a new frame."""
         self.section = section
-        self._leave_frame()
-
-    def _leave_frame(self) -> None:
         if self.present.planes or self.present.movers:
             self.former.append(self.present)
         self.present, self._candidate, self.last_fit = FrameReports(), None, None
 
     def _take_state(self, state: VehicleState, sent_ns: int) -> None:
         if self._moves_origin(state):
-            self._leave_frame()
+            self._leave_frame(self.section)
         self.present.state, self.state_ns = state, sent_ns
 
     def _take_planes(self, planes: SharedPlanes, arrival_ns: int, sent_ns: int, most: int) -> None:

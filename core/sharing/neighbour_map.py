@@ -38,16 +38,11 @@ GROWTH_M_S2 = 2.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OwnState:
-    """State of the own vehicle.
+    """State of the own vehicle."""
 
-    Attributes:
-        state: None: the place of its frame on Earth is not known.
-        section: number of the own frame.
-        estimate: numbers that change when the own position or heading has jumped, or may have."""
-
-    state: VehicleState | None
-    section: int
-    estimate: tuple[int, ...] = ()
+    state: VehicleState | None  # None: the place of its frame on Earth is not known
+    section: int  # number of the own frame
+    estimate: tuple[int, ...] = ()  # numbers that change when the own position or heading has jumped, or may have
 
 
 class NeighbourMap:

@@ -35,83 +35,49 @@ class MoverKind(IntEnum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SharedMovingObstacle:
-    """A moving obstacle in the own frame at the instant of the snapshot.
+    """A moving obstacle in the own frame at the instant of the snapshot."""
 
-    Attributes:
-        sender: number of the vehicle.
-        id: number of the obstacle.
-        kind: obstacle or vehicle.
-        centre_m, half_size_m: its box.
-        velocity_m_s: horizontal.
-        margin_m: around the box, 2 sigma of all errors.
-        age_s: since its newest observation."""
-
-    sender: int
-    id: int
-    kind: MoverKind
-    centre_m: tuple[float, float, float]
+    sender: int  # number of the vehicle
+    id: int  # number of the obstacle
+    kind: MoverKind  # obstacle or vehicle
+    centre_m: tuple[float, float, float]  # centre_m, half_size_m: its box
     half_size_m: tuple[float, float, float]
-    velocity_m_s: tuple[float, float]
-    margin_m: float
-    age_s: float
+    velocity_m_s: tuple[float, float]  # horizontal
+    margin_m: float  # around the box, 2 sigma of all errors
+    age_s: float  # since its newest observation
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NeighbourStatus:
-    """State of one neighbour.
+    """State of one neighbour."""
 
-    Attributes:
-        vehicle: its number.
-        silent_s: time since its newest packet.
-        placement: how well its frame is known.
-        fit: code of the newest alignment; empty: none was tried.
-        sigma_m: horizontal uncertainty of its frame.
-        planes: published planes.
-        movers: published moving obstacles.
-        withheld: planes that are not published.
-        packets: accepted packets.
-        refused: refused packets.
-        vehicle_m: its position in the own frame; None: not known."""
-
-    vehicle: int
-    silent_s: float
-    placement: PlacementState
-    fit: str
-    sigma_m: float
-    planes: int
-    movers: int
-    withheld: int
-    packets: int
-    refused: int
-    vehicle_m: tuple[float, float, float] | None
+    vehicle: int  # its number
+    silent_s: float  # time since its newest packet
+    placement: PlacementState  # how well its frame is known
+    fit: str  # code of the newest alignment; empty: none was tried
+    sigma_m: float  # horizontal uncertainty of its frame
+    planes: int  # published planes
+    movers: int  # published moving obstacles
+    withheld: int  # planes that are not published
+    packets: int  # accepted packets
+    refused: int  # refused packets
+    vehicle_m: tuple[float, float, float] | None  # its position in the own frame; None: not known
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class SharedObstacles:
-    """N planes and the moving obstacles of all neighbours at now_ns, in the own local frame (ned).
+    """N planes and the moving obstacles of all neighbours at now_ns, in the own local frame (ned)."""
 
-    Attributes:
-        now_ns: instant.
-        sender: (N,) uint8 vehicle.
-        ids: (N,) uint16, the sender's number.
-        planes: (N, 6) float32 a_x, a_y, b_x, b_y, top, bottom.
-        margin_m: (N,) float32, including 2 sigma of the place of the sender's frame.
-        age_s: (N,) float32 since the sender observed it.
-        flags: (N,) uint8 PlaneFlags.
-        aligned: (N,) uint8, 1: the frame of the sender is aligned by planes of both vehicles.
-        movers: moving obstacles.
-        neighbours: state of all neighbours."""
-
-    now_ns: int
-    sender: NDArray[np.uint8]
-    ids: NDArray[np.uint16]
-    planes: NDArray[np.float32]
-    margin_m: NDArray[np.float32]
-    age_s: NDArray[np.float32]
-    flags: NDArray[np.uint8]
-    aligned: NDArray[np.uint8]
-    movers: tuple[SharedMovingObstacle, ...] = ()
-    neighbours: tuple[NeighbourStatus, ...] = ()
+    now_ns: int  # instant
+    sender: NDArray[np.uint8]  # (N,) uint8 vehicle
+    ids: NDArray[np.uint16]  # (N,), the sender's number
+    planes: NDArray[np.float32]  # (N, 6) float32 a_x, a_y, b_x, b_y, top, bottom
+    margin_m: NDArray[np.float32]  # (N,), including 2 sigma of the place of the sender's frame
+    age_s: NDArray[np.float32]  # (N,) float32 since the sender observed it
+    flags: NDArray[np.uint8]  # (N,) uint8 PlaneFlags
+    aligned: NDArray[np.uint8]  # (N,), 1: the frame of the sender is aligned by planes of both vehicles
+    movers: tuple[SharedMovingObstacle, ...] = ()  # moving obstacles
+    neighbours: tuple[NeighbourStatus, ...] = ()  # state of all neighbours
 
     def __post_init__(self) -> None:
         n, put = len(self.sender), object.__setattr__

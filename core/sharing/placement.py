@@ -16,22 +16,15 @@ WGS84_A_M, WGS84_F = 6_378_137.0, 1.0 / 298.257_223_563
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Placement:
-    """Transform p_own = Rz(yaw_rad) (p_other - pivot_m) + at_m.
+    """Transform p_own = Rz(yaw_rad) (p_other - pivot_m) + at_m."""
 
-    Attributes:
-        yaw_rad, pivot_m, at_m: see above.
-        sigma_m: uncertainty of the pivot on each horizontal axis.
-        sigma_z_m: uncertainty of the height.
-        sigma_yaw_rad: uncertainty of the rotation about the pivot.
-        refined: found by planes of both vehicles."""
-
-    yaw_rad: float
+    yaw_rad: float  # yaw_rad, pivot_m, at_m: see above
     pivot_m: tuple[float, float, float]
     at_m: tuple[float, float, float]
-    sigma_m: float
-    sigma_z_m: float
-    sigma_yaw_rad: float
-    refined: bool = False
+    sigma_m: float  # uncertainty of the pivot on each horizontal axis
+    sigma_z_m: float  # uncertainty of the height
+    sigma_yaw_rad: float  # uncertainty of the rotation about the pivot
+    refined: bool = False  # found by planes of both vehicles
 
     def points(self, points_m: Floats) -> Floats:
         """Returns points of the other frame, (P, 3), in the own one."""

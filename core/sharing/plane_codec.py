@@ -32,26 +32,17 @@ Anchor = tuple[float, float, float]
 
 @dataclass(frozen=True, slots=True)
 class PlaneForm:
-    """A layout.
+    """A layout."""
 
-    Attributes:
-        bytes: size of a plane.
-        step_m: step of horizontal coordinates.
-        first_bits, second_bits: of each coordinate of the first end and of the second end.
-        relative: the second end is relative to the first one; otherwise to the anchor.
-        top_bits: of the top, relative to the anchor.
-        height, margin: steps of them.
-        ages_s: classes of the age, a power of two."""
-
-    bytes: int
-    step_m: float
-    first_bits: int
+    bytes: int  # size of a plane
+    step_m: float  # step of horizontal coordinates
+    first_bits: int  # first_bits, second_bits: of each coordinate of the first end and of the second end
     second_bits: int
-    relative: bool
-    top_bits: int
-    height: Steps
+    relative: bool  # the second end is relative to the first one; otherwise to the anchor
+    top_bits: int  # of the top, relative to the anchor
+    height: Steps  # height, margin: steps of them
     margin: Steps
-    ages_s: tuple[float, ...]
+    ages_s: tuple[float, ...]  # classes of the age, a power of two
 
     @property
     def place_error_m(self) -> float:

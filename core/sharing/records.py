@@ -25,20 +25,13 @@ class PacketError(ValueError):
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class SharedPlanes:
-    """N planes of one sender.
+    """N planes of one sender."""
 
-    Attributes:
-        ids: (N,) uint16, the sender's number of each plane.
-        box: (N, 6) float64 a_x, a_y, b_x, b_y, top, bottom.
-        margin_m: (N,) float64.
-        flags: (N,) uint8 of SHARED_FLAGS.
-        age_s: (N,) float64 since the newest observation."""
-
-    ids: NDArray[np.uint16]
-    box: NDArray[np.float64]
-    margin_m: NDArray[np.float64]
-    flags: NDArray[np.uint8]
-    age_s: NDArray[np.float64]
+    ids: NDArray[np.uint16]  # (N,), the sender's number of each plane
+    box: NDArray[np.float64]  # (N, 6) float64 a_x, a_y, b_x, b_y, top, bottom
+    margin_m: NDArray[np.float64]  # (N,)
+    flags: NDArray[np.uint8]  # (N,) uint8 of SHARED_FLAGS
+    age_s: NDArray[np.float64]  # (N,) float64 since the newest observation
 
     def __post_init__(self) -> None:
         n, put = len(self.ids), object.__setattr__
@@ -72,44 +65,29 @@ class SharedPlanes:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SharedMover:
-    """A moving obstacle.
+    """A moving obstacle."""
 
-    Attributes:
-        id: its number, less than MOVER_IDS.
-        centre_m, half_size_m: its box.
-        velocity_m_s: horizontal.
-        sigma_m, sigma_m_s: standard deviations of position and velocity on each axis.
-        age_s: since its newest observation.
-        partial: it may continue beyond what was observed, as a plane with a flag of CUT."""
-
-    id: int
-    centre_m: tuple[float, float, float]
+    id: int  # its number, less than MOVER_IDS
+    centre_m: tuple[float, float, float]  # centre_m, half_size_m: its box
     half_size_m: tuple[float, float, float]
-    velocity_m_s: tuple[float, float]
-    sigma_m: float
+    velocity_m_s: tuple[float, float]  # horizontal
+    sigma_m: float  # sigma_m, sigma_m_s: standard deviations of position and velocity on each axis
     sigma_m_s: float
-    age_s: float
-    partial: bool = False
+    age_s: float  # since its newest observation
+    partial: bool = False  # it may continue beyond what was observed, as a plane with a flag of CUT
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LocalFrame:
-    """The local frame of a vehicle.
+    """The local frame of a vehicle."""
 
-    Attributes:
-        latitude_deg, longitude_deg, altitude_m: its origin, WGS-84.
-        yaw_rad: direction of its x axis, clockwise from true north.
-        sigma_m: uncertainty of the origin on each horizontal axis.
-        sigma_z_m: uncertainty of its height.
-        sigma_yaw_rad: uncertainty of the direction."""
-
-    latitude_deg: float
+    latitude_deg: float  # latitude_deg, longitude_deg, altitude_m: its origin, WGS-84
     longitude_deg: float
     altitude_m: float
-    yaw_rad: float = 0.0
-    sigma_m: float = 3.0
-    sigma_z_m: float = 3.0
-    sigma_yaw_rad: float = 0.05
+    yaw_rad: float = 0.0  # direction of its x axis, clockwise from true north
+    sigma_m: float = 3.0  # uncertainty of the origin on each horizontal axis
+    sigma_z_m: float = 3.0  # uncertainty of its height
+    sigma_yaw_rad: float = 0.05  # uncertainty of the direction
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -132,18 +110,12 @@ class Motion:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Header:
-    """Header of a packet.
+    """Header of a packet."""
 
-    Attributes:
-        vehicle: 1..255.
-        stream: number of a start of the sender, increasing with each start.
-        sent_ms: time since that start, increasing with each packet.
-        section: number of the sender's frame, which changes when its position jumps."""
-
-    vehicle: int
-    stream: int
-    sent_ms: int
-    section: int
+    vehicle: int  # 1..255
+    stream: int  # number of a start of the sender, increasing with each start
+    sent_ms: int  # time since that start, increasing with each packet
+    section: int  # number of the sender's frame, which changes when its position jumps
 
 
 Content = VehicleState | SharedPlanes | tuple[SharedMover, ...]

@@ -35,16 +35,12 @@ SHARE_M, LEAST_SHARE_M = 0.6, 1.0
 
 @dataclass(frozen=True, slots=True)
 class Rivals:
-    """How the best place compares with the others.
+    """How the best place compares with the others."""
 
-    Attributes:
-        log_odds: of the best place against the most probable other one.
-        share: greatest share of the common area that matches at another place, over that at the best place.
-        fair_log_odds: least log-odds of the best place against another one if as much were common at both as at that
-            with less: a place must not be the best because more is common there."""
-
-    log_odds: float
-    share: float
+    log_odds: float  # of the best place against the most probable other one
+    share: float  # greatest share of the common area that matches at another place, over that at the best place
+    # least log-odds of the best place against another one if as much were common at both as at that with less: a place
+    # must not be the best because more is common there
     fair_log_odds: float
 
 

@@ -29,16 +29,11 @@ MOST_PLANES, LEAST_LENGTH_M = 300, 0.3
 
 @dataclass(frozen=True, slots=True)
 class Samples:
-    """S samples of planes.
+    """S samples of planes."""
 
-    Attributes:
-        points: (S, 2).
-        plane: (S,) rows of their planes.
-        long: (S,) planes of at least LONG_M."""
-
-    points: Floats
-    plane: NDArray[np.intp]
-    long: NDArray[np.bool_]
+    points: Floats  # (S, 2)
+    plane: NDArray[np.intp]  # (S,) rows of their planes
+    long: NDArray[np.bool_]  # (S,) planes of at least LONG_M
 
     def part(self, rows: NDArray[np.intp] | NDArray[np.bool_]) -> Samples:
         """Returns some of the samples."""
@@ -47,14 +42,10 @@ class Samples:
 
 @dataclass(frozen=True, slots=True)
 class SamplePair:
-    """Samples to compare.
+    """Samples to compare."""
 
-    Attributes:
-        points: (S, 2) of the neighbour, relative to the centre.
-        own: (T, 2) own samples."""
-
-    points: Floats
-    own: Floats
+    points: Floats  # (S, 2) of the neighbour, relative to the centre
+    own: Floats  # (T, 2) own samples
 
 
 def samples_of(box: Floats, most: int) -> Samples:

@@ -14,18 +14,12 @@ RESERVE = 0.5
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Budget:
-    """Budget of a link.
+    """Budget of a link."""
 
-    Attributes:
-        bytes_per_s: of all packets, with the overhead of the transport, over ten seconds.
-        overhead_bytes: overhead per packet.
-        packet_bytes: greatest size of a packet.
-        refresh_s: interval in which a plane is repeated."""
-
-    bytes_per_s: float
-    overhead_bytes: int
-    packet_bytes: int
-    refresh_s: float = 20.0
+    bytes_per_s: float  # of all packets, with the overhead of the transport, over ten seconds
+    overhead_bytes: int  # overhead per packet
+    packet_bytes: int  # greatest size of a packet
+    refresh_s: float = 20.0  # interval in which a plane is repeated
 
 
 class SentBytes:

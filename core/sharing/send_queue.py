@@ -63,20 +63,13 @@ MOST_PACKETS = 4
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Offer:
-    """What may be sent at one instant.
+    """What may be sent at one instant."""
 
-    Attributes:
-        planes: planes of the own world; their ids are their slots.
-        movers: moving obstacles of the own sensors.
-        state: the own vehicle; None: not known.
-        section: number of the own frame.
-        others: the other vehicles in the own frame."""
-
-    planes: SharedPlanes
-    movers: tuple[SharedMover, ...]
-    state: VehicleState | None
-    section: int
-    others: tuple[Body, ...] = ()
+    planes: SharedPlanes  # planes of the own world; their ids are their slots
+    movers: tuple[SharedMover, ...]  # moving obstacles of the own sensors
+    state: VehicleState | None  # the own vehicle; None: not known
+    section: int  # number of the own frame
+    others: tuple[Body, ...] = ()  # the other vehicles in the own frame
 
 
 class SendQueue:

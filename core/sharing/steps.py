@@ -18,11 +18,6 @@ class Steps:
     fine: float
     coarse: float
 
-    @property
-    def largest(self) -> float:
-        """The largest value."""
-        return self.value(self.codes - 1)
-
     def value(self, code: int) -> float:
         """Returns the value of a code."""
         return self.fine * min(code, self.fine_codes) + self.coarse * max(0, code - self.fine_codes)

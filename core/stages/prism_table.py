@@ -19,27 +19,17 @@ from ..types import Prism, readonly
 class PrismTable(Sequence[Prism]):
     """A read-only sequence of prisms; see `Prism` for the meaning of the fields.
 
-    Attributes:
-        cluster: (N,) int32.
-        heights_m: (N, 2) float32, top and bottom, z down.
-        closed: (N,) bool.
-        margin_m: (N,) float32.
-        vertex_begin: (N + 1,) int32, first vertex of each prism, and the end.
-        edge_begin: (N + 1,) int32, first edge of each prism, and the end.
-        vertices_m: (V, 2) float32.
-        plane: (E,) int32, plane of each edge.
-
     Raises:
         ValueError: a table has the wrong type or size, or a prism's top is not above its bottom."""
 
-    cluster: NDArray[np.int32]
-    heights_m: NDArray[np.float32]
-    closed: NDArray[np.bool_]
-    margin_m: NDArray[np.float32]
-    vertex_begin: NDArray[np.int32]
-    edge_begin: NDArray[np.int32]
-    vertices_m: NDArray[np.float32]
-    plane: NDArray[np.int32]
+    cluster: NDArray[np.int32]  # (N,)
+    heights_m: NDArray[np.float32]  # (N, 2), top and bottom, z down
+    closed: NDArray[np.bool_]  # (N,)
+    margin_m: NDArray[np.float32]  # (N,)
+    vertex_begin: NDArray[np.int32]  # (N + 1,), first vertex of each prism, and the end
+    edge_begin: NDArray[np.int32]  # (N + 1,), first edge of each prism, and the end
+    vertices_m: NDArray[np.float32]  # (V, 2)
+    plane: NDArray[np.int32]  # (E,), plane of each edge
 
     def __post_init__(self) -> None:
         put, n = object.__setattr__, len(self.cluster)

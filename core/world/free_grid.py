@@ -212,7 +212,6 @@ def column_free(view, x, y, low_bin, span):
     above the ground.
 
     Args:
-        view: FreeView.
         x, y: the column, relative to the camera.
         low_bin: index of the first cell.
         span: (2,) uint64 out."""
@@ -276,11 +275,7 @@ def see_free(free, view):
     """Adds the free space that a frame shows.
 
     A frame without ground frees nothing at or below remembered ground, which it may have failed to detect. A frame
-    with ground that shows the cell of a remembered ground free deletes that ground.
-
-    Args:
-        free: FreeTables.
-        view: FreeView."""
+    with ground that shows the cell of a remembered ground free deletes that ground."""
     masks, x, y, far_m = free.masks, view.x_m, view.y_m, view.far_m
     span = np.zeros(2, np.uint64)
     reach = np.float64(far_m.max())
@@ -319,10 +314,8 @@ def seen_blocks(
     """Returns indices (B, 3), masks (B, 256) and ground (B, 256, 2) of the blocks with any free cell or ground,
     ordered by index.
 
-    Args:
-        free: tables.
-        now: the present epoch.
-        since: 0 or more: only blocks that a later frame changed, also if nothing in them is known any more."""
+    now: the present epoch; since: 0 or more: only blocks that a later frame changed, also if nothing in them is known
+    any more."""
     used = int(free.state["blocks"][0])
     blocks, masks, ground = free.blocks[:used], free.masks, free.ground
     behind = now - blocks["epoch"].astype(np.int64)

@@ -74,10 +74,7 @@ def measured_at(x, y, edges, seen_from, seen_to):
 def see_ground(free, view, seen_from, seen_to):
     """Stores the ground that a frame measured, and clears the free bits at and below it.
 
-    Args:
-        free: FreeTables.
-        view: FreeView of the frame.
-        seen_from, seen_to: (D,) float64 ranges at which the ground was measured."""
+    seen_from, seen_to: (D,) float64 ranges at which the ground was measured."""
     x, y, edges = view.x_m, view.y_m, view.edges_rad
     z, slope_x, slope_y, noise = view.ground_z_m, view.slope_x, view.slope_y, view.noise_per_m
     reach = seen_to.max()

@@ -206,11 +206,7 @@ def distance_of(found, box):
 def joined(a, b, m, sigma, rules):
     """Returns Joined of the boxes a and b.
 
-    Args:
-        a, b: Box.
-        m: the sum of their Moments.
-        sigma: noise of the farther one.
-        rules: a record of WORLD_RULES."""
+    m: the sum of their Moments; sigma: noise of the farther one."""
     no = Joined(REFUSED, 0.0, 0.0, 0.0, 0.0, 0.0)
     if min(a.bottom, b.bottom) <= max(a.top, b.top) or max(a.bottom, b.bottom) - min(a.top, b.top) > TALLEST_M:
         return no

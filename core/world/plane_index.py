@@ -83,11 +83,6 @@ def empty_tables(most: int, longest_m: float = 100.0) -> Tables:
     return Tables(np.zeros(most, SLOT), empty_steps(most, longest_m), heads, np.zeros(_LINKS * most, LINK), state)
 
 
-def plane_bytes(tables: Tables) -> float:
-    """Returns the bytes of memory per plane if the tables are full."""
-    return sum(t.nbytes for t in tables) / len(tables.planes)
-
-
 def columns(planes: NDArray[Any], names: tuple[str, ...]) -> NDArray[Any]:
     """Returns fields of the same type of (N,) SLOT as an array (N, len(names)), such as BOX."""
     return np.stack([planes[name] for name in names], axis=1)

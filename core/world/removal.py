@@ -39,8 +39,7 @@ def is_observed_clear(x, y, top, bottom, slack, pose_sigma_m, view):
         x, y: the place, relative to the camera.
         top, bottom: heights.
         slack: distance behind the place to which it must be free, without noise.
-        pose_sigma_m: error of the position of the camera.
-        view: FreeView."""
+        pose_sigma_m: error of the position of the camera."""
     layers, near_m, far_m = view.layers_m, view.near_m, view.far_m
     r = math.sqrt(x * x + y * y)
     d = direction_of(view.edges_rad, math.atan2(y, x))

@@ -18,28 +18,17 @@ NS = 1_000_000_000
 
 @dataclass(slots=True, kw_only=True)
 class Section:
-    """Planes and free space observed between two jumps of the position.
+    """Planes and free space observed between two jumps of the position."""
 
-    Attributes:
-        number: counts up through the sections of this world.
-        tables: planes.
-        free: free space.
-        begun_ns: first frame.
-        reset_counter: of the position estimate.
-        newest_ns: newest frame.
-        place_m: place of the newest frame's camera.
-        vouched: the section begins with saved planes, and the next frame belongs to it at any position.
-        estimate: that of its frames."""
-
-    number: int
-    tables: Tables
-    free: FreeTables
-    begun_ns: int
-    reset_counter: int
-    newest_ns: int
-    place_m: tuple[float, float, float]
-    vouched: bool = False
-    estimate: tuple[int, ...] = ()
+    number: int  # counts up through the sections of this world
+    tables: Tables  # planes
+    free: FreeTables  # free space
+    begun_ns: int  # first frame
+    reset_counter: int  # of the position estimate
+    newest_ns: int  # newest frame
+    place_m: tuple[float, float, float]  # place of the newest frame's camera
+    vouched: bool = False  # the section begins with saved planes, and the next frame belongs to it at any position
+    estimate: tuple[int, ...] = ()  # that of its frames
 
     @property
     def used_slots(self) -> NDArray[Any]:

@@ -42,30 +42,18 @@ ON_DISK = np.dtype([*_PLACE, ("moments", "<f4", (6,))])
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class SavedSection:
-    """Planes of one section, in ned.
+    """Planes of one section, in ned."""
 
-    Attributes:
-        number: of the section.
-        reset_counter: of the position estimate.
-        begun_ns: first frame.
-        newest_ns: newest frame.
-        box: (N, 6) float64.
-        moments: (N, 6) float64, about the middle of each plane.
-        margin_m: (N,) float64.
-        flags: (N,) uint8.
-        hits: (N,) int32.
-        age_s: (N,) float64, time since the last observation, at newest_ns."""
-
-    number: int
-    reset_counter: int
-    begun_ns: int
-    newest_ns: int
-    box: NDArray[np.float64]
-    moments: NDArray[np.float64]
-    margin_m: NDArray[np.float64]
-    flags: NDArray[np.uint8]
-    hits: NDArray[np.int32]
-    age_s: NDArray[np.float64]
+    number: int  # of the section
+    reset_counter: int  # of the position estimate
+    begun_ns: int  # first frame
+    newest_ns: int  # newest frame
+    box: NDArray[np.float64]  # (N, 6)
+    moments: NDArray[np.float64]  # (N, 6), about the middle of each plane
+    margin_m: NDArray[np.float64]  # (N,)
+    flags: NDArray[np.uint8]  # (N,)
+    hits: NDArray[np.int32]  # (N,)
+    age_s: NDArray[np.float64]  # (N,), time since the last observation, at newest_ns
 
 
 def unfit_planes(box: Any, margin_m: Any) -> dict[int, str]:

@@ -12,30 +12,20 @@ from ..types import readonly
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class WorldSnapshot:
-    """Planes and free space of one section, in ned, in metres.
+    """Planes and free space of one section, in ned, in metres."""
 
-    Attributes:
-        section: number of the section.
-        slots: (N,) int32, number of each plane as long as it exists.
-        planes: (N, 6) float32 a_x, a_y, b_x, b_y, top, bottom. Free space is on the right of a -> b, seen from above.
-        margin_m: (N,) float32.
-        flags: (N,) uint8 PlaneFlags.
-        hits: (N,) int32, observations.
-        seen_ns: (N,) int64, newest observation.
-        blocks: (B, 3) int32, indices of blocks of 8 x 8 x 32 m.
-        masks: (B, 256) uint64, a bit per cell of 0.5 m in each column: 1, free (free_grid.py).
-        ground: (B, 256, 2) float32, z of the highest point of the ground in each column and its noise, nan where it
-            is not known (ground.py); None: known nowhere."""
-
-    section: int
-    slots: NDArray[np.int32]
+    section: int  # number of the section
+    slots: NDArray[np.int32]  # (N,), number of each plane as long as it exists
+    # (N, 6) float32 a_x, a_y, b_x, b_y, top, bottom. Free space is on the right of a -> b, seen from above.
     planes: NDArray[np.float32]
-    margin_m: NDArray[np.float32]
-    flags: NDArray[np.uint8]
-    hits: NDArray[np.int32]
-    seen_ns: NDArray[np.int64]
-    blocks: NDArray[np.int32]
-    masks: NDArray[np.uint64]
+    margin_m: NDArray[np.float32]  # (N,)
+    flags: NDArray[np.uint8]  # (N,) uint8 PlaneFlags
+    hits: NDArray[np.int32]  # (N,), observations
+    seen_ns: NDArray[np.int64]  # (N,), newest observation
+    blocks: NDArray[np.int32]  # (B, 3), indices of blocks of 8 x 8 x 32 m
+    masks: NDArray[np.uint64]  # (B, 256), a bit per cell of 0.5 m in each column: 1, free (free_grid.py)
+    # (B, 256, 2) float32, z of the highest point of the ground in each column and its noise, nan where it is not known
+    # (ground.py); None: known nowhere
     ground: NDArray[np.float32] | None = None
 
     def __post_init__(self) -> None:

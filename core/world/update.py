@@ -188,14 +188,7 @@ def join_neighbours(tables, free, i, frame, near):
 def add_frame(tables, free, observations, arrived, settings, t_ns, view):
     """Adds the observations and the free profile of one frame.
 
-    Args:
-        tables: Tables.
-        free: FreeTables.
-        observations: (N,) OBSERVATION.
-        arrived: (N,) bool, those that stand in what was free before, see free_removal.py.
-        settings: (1,) WORLD_RULES.
-        t_ns: exposure of the frame.
-        view: FreeView."""
+    arrived: (N,) bool, those that stand in what was free before, see free_removal.py."""
     rules = settings[0]
     near, touched = np.empty(_NEAR, np.int32), np.full(observations.shape[0], NONE, np.int32)
     frame = Frame(observations, touched, rules, view.x_m, view.y_m)
@@ -228,10 +221,7 @@ def put_saved(tables, free, saved, settings, join, none):
     """Adds planes of a saved world, the oldest first.
 
     Args:
-        tables: Tables.
-        free: FreeTables.
         saved: (N,) SAVED_PLANE.
-        settings: (1,) WORLD_RULES.
         join: planes that are one with a plane of the world are joined with it.
         none: (0,) OBSERVATION, no frame is in view."""
     rules, near = settings[0], np.empty(_NEAR, np.int32)

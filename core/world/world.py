@@ -39,23 +39,13 @@ wrong."""
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Observation:
-    """The model of one frame in ned.
-
-    Attributes:
-        model: the model.
-        place_m: place of the camera.
-        t_ns: exposure.
-        reset_counter: of the position estimate.
-        estimate: numbers that change when position or heading jump without that counter.
-
-    Raises:
-        ValueError: the place is not finite, or beyond FARTHEST_M."""
+    """The model of one frame in ned. Raises ValueError if the place is not finite, or beyond FARTHEST_M."""
 
     model: FrameModel
-    place_m: tuple[float, float, float]
-    t_ns: int
-    reset_counter: int = 0
-    estimate: tuple[int, ...] = ()
+    place_m: tuple[float, float, float]  # place of the camera
+    t_ns: int  # exposure
+    reset_counter: int = 0  # of the position estimate
+    estimate: tuple[int, ...] = ()  # numbers that change when position or heading jump without that counter
 
     def __post_init__(self) -> None:
         if not all(abs(c) <= FARTHEST_M for c in self.place_m):
@@ -67,25 +57,17 @@ class Observation:
 
 @dataclass(slots=True)
 class WorldCounts:
-    """Counts of a world.
+    """Counts of a world."""
 
-    Attributes:
-        frames: frames added.
-        blind: invalid frames.
-        late: frames of an earlier estimate that arrived after the first one of the present section, and frames far
-            before the newest one.
-        bad_planes: planes that are not finite, or without a length.
-        sections: sections begun.
-        sections_dropped: sections removed.
-        why: reasons for new sections, and their number."""
-
-    frames: int = 0
-    blind: int = 0
+    frames: int = 0  # frames added
+    blind: int = 0  # invalid frames
+    # frames of an earlier estimate that arrived after the first one of the present section, and frames far before the
+    # newest one
     late: int = 0
-    bad_planes: int = 0
-    sections: int = 0
-    sections_dropped: int = 0
-    why: dict[str, int] = field(default_factory=dict)
+    bad_planes: int = 0  # planes that are not finite, or without a length
+    sections: int = 0  # sections begun
+    sections_dropped: int = 0  # sections removed
+    why: dict[str, int] = field(default_factory=dict)  # reasons for new sections, and their number
 
 
 class World:
@@ -136,7 +118,7 @@ class World:
 
     def picture(self, now_ns: int) -> WorldSnapshot:
         """Returns the present state. Free space that is too old at now_ns is left out."""
-        return self._picture(now_ns, -1, -1)
+        return self._picture(now_ns, -1)
 
     def changes(self, now_ns: int, since: int) -> tuple[WorldSnapshot, NDArray[np.int32]]:
         """Returns the changes after frame `since` of this section, and the slots that were emptied since.
@@ -147,7 +129,7 @@ class World:
             return WorldSnapshot.empty(), np.zeros(0, np.int32)
         planes = self.section.used_slots
         gone = np.flatnonzero((planes["changed"] > since) & (planes["hits"] == 0)).astype(np.int32)
-        return self._picture(now_ns, since, since), gone
+        return self._picture(now_ns, since), gone
 
     @property
     def free_blocks(self) -> NDArray[np.int32]:
@@ -169,13 +151,13 @@ class World:
         newest_ns = 0 if self.section is None else self.section.newest_ns
         return max(now_ns, newest_ns) // self._epoch_ns
 
-    def _picture(self, now_ns: int, frames: int, turns: int) -> WorldSnapshot:
+    def _picture(self, now_ns: int, since: int) -> WorldSnapshot:
         if self.section is None:
             return WorldSnapshot.empty()
         table = self.section.used_slots
-        slots = np.flatnonzero((table["hits"] > 0) & (table["changed"] > frames)).astype(np.int32)
+        slots = np.flatnonzero((table["hits"] > 0) & (table["changed"] > since)).astype(np.int32)
         planes = table[slots]
-        blocks, masks, ground = seen_blocks(self.section.free, self.epoch(now_ns), turns)
+        blocks, masks, ground = seen_blocks(self.section.free, self.epoch(now_ns), since)
         return WorldSnapshot(
             section=self.section.number,
             slots=slots,
