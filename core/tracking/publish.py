@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,20 +19,20 @@ WIDE_M = 1.0
 """A shorter plane is not moved, since that could move it aside."""
 
 
-class Columns(NamedTuple):
-    """Arrays of a TrackSnapshot as `columns_of` makes them."""
-
-    ids: NDArray[np.int64]
-    planes: NDArray[np.float32]
-    margin_m: NDArray[np.float32]
-    sigma_m: NDArray[np.float32]
-    confidence: NDArray[np.float32]
-    state: NDArray[np.int32]
-    hits: NDArray[np.int32]
-    age_ns: NDArray[np.int64]
-    unseen_ns: NDArray[np.int64]
-    flags: NDArray[np.uint8]
-    object_id: NDArray[np.int64]
+_COLUMNS = [
+    "ids",
+    "planes",
+    "margin_m",
+    "sigma_m",
+    "confidence",
+    "state",
+    "hits",
+    "age_ns",
+    "unseen_ns",
+    "flags",
+    "object_id",
+]
+"""Arrays of a TrackSnapshot, in the order in which `columns_of` returns them."""
 
 
 def snapshot_of(
@@ -45,25 +45,21 @@ def snapshot_of(
     the rest: no consumer that subtracts it comes nearer than with the model of the frame alone. The plane returns slowly, so
     that it does not jump with the noise. The confidence is the share of frames in view that observed the track, and at most
     1 - 0.5^hits."""
-    columns = columns_of(tracks, t_ns, growth_m_s, camera_m)
-    return TrackSnapshot(**columns._asdict(), objects=moving_objects(objects, t_ns))
+    columns = dict(zip(_COLUMNS, columns_of(tracks, t_ns, growth_m_s, camera_m), strict=True))
+    return TrackSnapshot(**columns, objects=moving_objects(objects, t_ns))
 
 
 @kernel
 def columns_of(tracks, t_ns, growth_m_s, eye):
-    """Returns the Columns of the tracks in use; arguments: see `snapshot_of`."""
+    """Returns the arrays of _COLUMNS of the tracks in use; arguments: see `snapshot_of`."""
     count = 0
     for j in range(tracks.shape[0]):
         count += tracks[j].hits > 0
-    planes, margin_m, sigma_m = (
-        np.empty((count, 6), np.float32),
-        np.empty(count, np.float32),
-        np.empty(count, np.float32),
-    )
+    planes = np.empty((count, 6), np.float32)
+    margin_m, sigma_m = np.empty(count, np.float32), np.empty(count, np.float32)
     confidence, state, hits = np.empty(count, np.float32), np.empty(count, np.int32), np.empty(count, np.int32)
-    age_ns, unseen, flags = np.empty(count, np.int64), np.empty(count, np.int64), np.empty(count, np.uint8)
+    age_ns, unseen_ns, flags = np.empty(count, np.int64), np.empty(count, np.int64), np.empty(count, np.uint8)
     ids, object_id = np.empty(count, np.int64), np.empty(count, np.int64)
-    out = Columns(ids, planes, margin_m, sigma_m, confidence, state, hits, age_ns, unseen, flags, object_id)
     n = 0
     for j in range(tracks.shape[0]):
         t = tracks[j]
@@ -73,20 +69,20 @@ def columns_of(tracks, t_ns, growth_m_s, eye):
         nearer = t.nearer_m if t.s1_m - t.s0_m >= WIDE_M else 0.0
         x, y = t.x_m - nearer * t.ty, t.y_m + nearer * t.tx
         s0, s1 = moved_end(t, t.s0_m, nearer, eye), moved_end(t, t.s1_m, nearer, eye)
-        out.planes[n, 0], out.planes[n, 1] = x + s0 * t.tx, y + s0 * t.ty
-        out.planes[n, 2], out.planes[n, 3] = x + s1 * t.tx, y + s1 * t.ty
+        planes[n, 0], planes[n, 1] = x + s0 * t.tx, y + s0 * t.ty
+        planes[n, 2], planes[n, 3] = x + s1 * t.tx, y + s1 * t.ty
         share = moved_share(t, nearer, eye)
-        out.planes[n, 4] = min(t.top_m, eye[2] + share * (t.top_m - eye[2]))
-        out.planes[n, 5] = max(t.bottom_m, eye[2] + share * (t.bottom_m - eye[2]))
-        unseen_ns = t_ns - t.seen_ns
-        out.margin_m[n] = t.margin_m + max(0.0, excess - nearer) + growth_m_s * unseen_ns / NS
-        out.sigma_m[n] = math.sqrt(max(0.0, variance_at(t, 0.5 * (t.s0_m + t.s1_m))))
-        out.confidence[n] = t.hit_rate * (1.0 - 0.5 ** min(t.hits, 60))
-        out.ids[n], out.state[n], out.hits[n] = t.id, t.state, t.hits
-        out.age_ns[n], out.unseen_ns[n] = t_ns - t.first_ns, unseen_ns
-        out.flags[n], out.object_id[n] = t.plane_flags, t.object_id
+        planes[n, 4] = min(t.top_m, eye[2] + share * (t.top_m - eye[2]))
+        planes[n, 5] = max(t.bottom_m, eye[2] + share * (t.bottom_m - eye[2]))
+        unseen = t_ns - t.seen_ns
+        margin_m[n] = t.margin_m + max(0.0, excess - nearer) + growth_m_s * unseen / NS
+        sigma_m[n] = math.sqrt(max(0.0, variance_at(t, 0.5 * (t.s0_m + t.s1_m))))
+        confidence[n] = t.hit_rate * (1.0 - 0.5 ** min(t.hits, 60))
+        ids[n], state[n], hits[n] = t.id, t.state, t.hits
+        age_ns[n], unseen_ns[n] = t_ns - t.first_ns, unseen
+        flags[n], object_id[n] = t.plane_flags, t.object_id
         n += 1
-    return out
+    return ids, planes, margin_m, sigma_m, confidence, state, hits, age_ns, unseen_ns, flags, object_id
 
 
 @inner
