@@ -16,18 +16,18 @@ from .stages.classify import classify, clear_range_m, depth_to_mm, pixel_limits
 from .stages.depth_bias import DepthBias
 from .stages.free_profile import PlaneStops, free_profile
 from .stages.free_space import WalkedView, observe_free
-from .stages.ground import find_ground, ground_search
+from .stages.ground import POINT, find_ground
 from .stages.ground_ranges import with_ranges
 from .stages.level import level_view
 from .stages.model import PublishedPlanes, blind_model, pixel_stats, published_planes, strip_table
 from .stages.noise_check import is_no_measurement
 from .stages.open_space import observe_open
-from .stages.plane_shaping import PlaneShaper
+from .stages.plane_shaping import find_planes
 from .stages.prisms import layered_prisms
 from .stages.ramps import ramp_limits
 from .stages.settings import Settings, settings_of
 from .stages.smeared_edges import SmearedEdges, height_line, judge_edges, remove_smeared_edges
-from .stages.strip_search import StripSearch
+from .stages.strip_search import is_noise, search_strips
 from .stages.temporal_noise import estimate_noise
 from .stages.view_geometry import is_rotation, source_of, tilt_rad, view_geometry
 from .types import (
@@ -49,11 +49,8 @@ class Extractor:
     def __init__(self, params: Params | None = None, open_sky: OpenSkyParams | None = None) -> None:
         self.params = params or Params()
         self.open_sky = open_sky or OpenSkyParams()
-        self._ground_search = ground_search(self.params)
         self._settings: Settings | None = None
         self._buffers = Buffers()
-        self._strip_search = StripSearch(self.params, self._buffers)
-        self._plane_shaper = PlaneShaper(self.params, self._buffers)
 
     def extract(
         self,
@@ -94,7 +91,8 @@ class Extractor:
             return blind_model(info, InvalidCause.NO_MEASUREMENT, p, pixel_stats(counts, depth_mm.size)), state
         source = source_of(info, R, clear_range_m(info, ke, p))
         ke, next_state = estimate_noise(state, depth_mm, marks, info, limits, p)
-        ground = find_ground(marks, info, R, ke, state.ground_height_m, self._ground_search)
+        points = self._buffers("ground_points", (p.ground_max_samples,), POINT)
+        ground = find_ground(marks, info, R, ke, state.ground_height_m, p, points)
         ramps, smear = ramp_limits(info, ke), SmearedEdges(active=False, free_marks=marks)
         next_state, is_smeared = judge_edges(next_state, depth_mm, ramps, p)
         if is_smeared:
@@ -112,22 +110,22 @@ class Extractor:
             opened = observe_open(depth_mm, walked, p, self.open_sky, self._buffers)
         if smear.active:
             levelled = level_view(marks, info, R, view, ke, p, self._buffers)
-        strips = self._strip_search.search(levelled, source, ground, ke, settings)
-        if self._strip_search.is_noise(strips, levelled):
-            stats = replace(stats, dropped_strips=strips.found)
+        strips = search_strips(levelled, source, ground, ke, settings, p, self._buffers)
+        if is_noise(strips, levelled, p):
+            stats = replace(stats, dropped_strips=strips.before)
             return blind_model(info, InvalidCause.NO_MEASUREMENT, p, stats), state
-        planes = self._plane_shaper.shape(levelled, strips, source, settings)
+        planes = find_planes(levelled, strips, source, settings, p, self._buffers)
         bias = DepthBias(info.bias_per_m, float(R[0, 2]), float(R[2, 2]))
         published = published_planes(planes, ground, levelled.view, bias, settings.view)
         if published is None:
             return blind_model(info, InvalidCause.NON_FINITE, p, stats), state
         if ground.seen:
             next_state = replace(next_state, ground_height_m=ground.height_m)
-            ground = with_ranges(ground, self._ground_search.points, free.edges_t)
+            ground = with_ranges(ground, points, free.edges_t)
         stops = PlaneStops(planes[: len(published.rows)], published.noise_margin_m)
         open_ranges = None if opened is None else opened.seen
         profile = free_profile(free, stops, bias, open_ranges, self.open_sky.open_max_range_m)
-        table = strip_table(strips.table, strips.count) if keep_strips else None
+        table = strip_table(strips.found.table, strips.found.count) if keep_strips else None
         return self._model(published, profile, ground, strips.counted(stats), ke, table), next_state
 
     def _model(

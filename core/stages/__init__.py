@@ -27,6 +27,5 @@ named tuple (peak: Peak, cover: Cover) is one.
     tables           PlaneTables
     openings         OpeningMasks
     bias             DepthBias of the camera
-    keep             (N,) uint8 scratch
-    buffers          scratch memory
+    buffers, keep    scratch memory, flags of strips
     out              output; StripOutput in the stages of strips"""

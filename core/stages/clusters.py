@@ -12,9 +12,8 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..jit import inner, record
+from ..jit import inner, kernel, record
 from ..union_find import root_of
 
 GROUP = record(
@@ -44,22 +43,11 @@ BUCKETS = 4096
 class ClusterBuffers(NamedTuple):
     """Scratch memory of `join_near` for N strips."""
 
-    following: NDArray[np.int32]  # (N,), next strip of the same group
-    group_of: NDArray[np.int32]  # (N,), group of a strip
-    parent: NDArray[np.int32]  # (N,), union-find forest of the groups
-    groups: NDArray[Any]  # (N,) GROUP
-    buckets: NDArray[np.int32]  # (BUCKETS,), first group of a bucket
-
-
-def cluster_buffers(strips: int) -> ClusterBuffers:
-    """Allocates scratch memory for this number of strips."""
-    return ClusterBuffers(
-        np.zeros(strips, np.int32),
-        np.zeros(strips, np.int32),
-        np.zeros(strips, np.int32),
-        np.zeros(strips, GROUP),
-        np.zeros(BUCKETS, np.int32),
-    )
+    following: Any  # (N,) int32, next strip of the same group
+    group_of: Any  # (N,) int32, group of a strip
+    parent: Any  # (N,) int32, union-find forest of the groups
+    groups: Any  # (N,) GROUP
+    buckets: Any  # (BUCKETS,) int32, first group of a bucket
 
 
 @inner
@@ -75,19 +63,17 @@ def place_strips(strips, n, view):
         s.bottom_m = x * view.tan_edge[s.bottom_row + 1]
 
 
-@inner
-def join_near(strips, n, ws, hs, buffers):
+@kernel
+def join_near(strips, n, ws, hs):
     """Sets `cluster` of each strip, numbered from 0 in the order of first appearance; returns the number of clusters.
 
     The clusters are the connected components of the graph of all pairs of strips closer than ws horizontally and hs
     vertically. Not all pairs are tested: two strips of one cell are always closer than ws, so that their heights
     alone form groups. Groups of cells within reach of each other are joined if one pair of their strips is close
     enough.
-
-    Args:
-        strips: (N,) STRIP with places.
-        ws: horizontal gap that the vehicle can pass, m.
-        hs: vertical gap that the vehicle can pass, m."""
+    strips: with places; ws, hs: horizontal and vertical gap that the vehicle can pass, m."""
+    following, group_of, parent = np.empty(n, np.int32), np.empty(n, np.int32), np.empty(n, np.int32)
+    buffers = ClusterBuffers(following, group_of, parent, np.empty(n, GROUP), np.full(BUCKETS, -1, np.int32))
     count = _group_cells(strips, n, CELL_PER_WS * ws, hs, buffers)
     for g in range(count):
         if buffers.groups[g].first >= 0:
@@ -108,7 +94,6 @@ def _group_cells(strips, n, cell_m, hs, buffers):
 
     A group that is absorbed by another one of its cell has no strips left (first = -1) and a parent."""
     following, groups, buckets = buffers.following, buffers.groups, buffers.buckets
-    buckets[:] = -1
     count = 0
     for i in range(n):
         s = strips[i]

@@ -60,6 +60,7 @@ def column_buffers(rows, bins, settings):
 def extract_strips(codes, ground, view, bins, settings, strips):
     """Extracts all strips of a levelled view; returns (strips, ground cells, strips merged because their column was
     full).
+
     strips: (N,) STRIP out, with room for max_column_strips per column."""
     p, counted = settings[0], np.zeros(1, COUNTS)
     cols, rows = codes.shape

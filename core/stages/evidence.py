@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..jit import inner, inner_inline
+from ..jit import inner, inner_inline, kernel
 from .line_fit import LINE_SIGMAS
 from .openings import is_open
 from .strips import SMOOTH
@@ -86,13 +86,15 @@ def mark_outside(H, width, height, grid):
                 grid[i, j] = _OUTSIDE
 
 
-@inner
-def find_evidence(strips, n, view, image, grid):
-    """Computes the cells of Evidence.
-
-    grid: (ceil(cols / CELL_PX), ceil(rows / CELL_PX)) float32 out."""
+@kernel
+def find_evidence(strips, n, view, image):
+    """Returns the Evidence of a view."""
+    cell = CELL_PX
+    grid = np.empty(((view.cols + cell - 1) // cell, (view.rows + cell - 1) // cell), np.float32)
     mark_nearest(strips, n, view.f_px, grid)
     mark_outside(view.H, image.width_px, image.height_px, grid)
+    across = view.f_px / np.float64(view.lateral[0]) / cell
+    return Evidence(grid, across, view.f_px / cell, (view.cu + 0.5) / cell, (view.cv + 0.5) / cell)
 
 
 @inner

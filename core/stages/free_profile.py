@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..invalid_model import unknown_profile
 from ..jit import inner
 from ..params import Params
 from ..types import NOTHING_OPEN, FreeEnd, FreeProfile
@@ -17,7 +18,7 @@ from .depth_bias import DepthBias, shorten_by_bias
 from .free_space import FreeObservation, layer_edges
 from .planes import distance_at
 
-_NOT_SEEN, _OBSTACLE, _UNKNOWN = int(FreeEnd.NOT_SEEN), int(FreeEnd.OBSTACLE), int(FreeEnd.UNKNOWN)
+_OBSTACLE, _UNKNOWN = int(FreeEnd.OBSTACLE), int(FreeEnd.UNKNOWN)
 
 
 class PlaneStops(NamedTuple):
@@ -80,15 +81,7 @@ def stop_at_planes(stops, seen):
 
 def empty_profile(params: Params) -> FreeProfile:
     """Returns the profile of an invalid frame: one direction all around without a free range."""
-    layers = layer_edges(params)
-    zero = np.zeros((1, len(layers) - 1), np.float32)
-    return FreeProfile(
-        azimuth_edges_rad=np.array([-math.pi, math.pi], np.float32),
-        layer_edges_m=layers,
-        free_from_m=zero,
-        free_to_m=zero,
-        end=np.full(zero.shape, _NOT_SEEN, np.uint8),
-    )
+    return unknown_profile(np.array([-math.pi, math.pi], np.float32), layer_edges(params))
 
 
 @inner

@@ -11,9 +11,8 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..jit import inner, record
+from ..jit import inner, kernel, record
 from .line_fit import LINE_SIGMAS
 
 MAX_RUNS = 32
@@ -30,17 +29,13 @@ RUN = record(
 """A run of neighbouring columns whose gaps share at least Hs of height."""
 
 
-class GapBuffers(NamedTuple):
-    """Scratch memory of `fill_columns` for N strips."""
+class Gaps(NamedTuple):
+    """The strips of a frame, and the gaps of Hs or more between them."""
 
-    open_of: NDArray[np.int32]  # (clusters,), the strip of a cluster that reaches lowest so far
-    lower: NDArray[np.int32]  # (N,), the strip below the gap that begins at a strip, -1: none
-    runs: NDArray[Any]  # (MAX_RUNS,) RUN
-
-
-def gap_buffers(strips: int) -> GapBuffers:
-    """Allocates scratch memory for this number of strips."""
-    return GapBuffers(np.zeros(strips, np.int32), np.zeros(strips, np.int32), np.zeros(MAX_RUNS, RUN))
+    strips: Any  # (N,) STRIP in the order of `sort_columns`
+    first_of_column: Any
+    lower: Any  # (N,) int32, the strip below the gap that begins at a strip, -1: none
+    runs: Any  # (MAX_RUNS,) RUN
 
 
 @inner
@@ -71,18 +66,18 @@ def fill_gap(strips, i, j, settings):
     return False
 
 
-@inner
-def fill_columns(strips, clusters, view, first_of_column, settings, buffers):
+@kernel
+def fill_columns(strips, clusters, first_of_column, settings):
     """Fills gaps lower than Hs, and slits: gaps open over less than Ws and closed on both sides; returns the number
     of slits.
 
     A gap lies between the strip of a cluster that reaches lowest so far in a column and the next one below it. Where
     two strips become one, the support of the lower one is 0.
     strips: (N,) STRIP in the order of `sort_columns`, in and out; clusters: number of clusters."""
-    open_of, lower = buffers.open_of, buffers.lower
-    open_of[:clusters] = -1
-    hs, cols = settings.passable_height_m, view.cols
-    column_m_per_x = np.float64(view.lateral[0]) / settings.f_px
+    hs, cols = settings.passable_height_m, len(first_of_column) - 1
+    open_of = np.full(clusters, -1, np.int32)  # the strip of a cluster that reaches lowest so far
+    lower, runs = np.empty(first_of_column[cols], np.int32), np.empty(MAX_RUNS, RUN)
+    gaps = Gaps(strips, first_of_column, lower, runs)
     open_runs, filled = 0, 0
     for u in range(cols):
         first, last = first_of_column[u], first_of_column[u + 1]
@@ -103,24 +98,20 @@ def fill_columns(strips, clusters, view, first_of_column, settings, buffers):
                     continue
             elif i >= first:
                 lower[i] = j
-                open_runs = _join_run(strips, i, j, u, hs, buffers.runs, open_runs)
+                open_runs = _join_run(strips, i, j, u, hs, runs, open_runs)
             open_of[s.cluster] = j
         if open_runs > 0:
-            open_runs, closed = _close_runs(
-                strips, cols, first_of_column, column_m_per_x, settings, u, buffers, open_runs
-            )
+            open_runs, closed = _close_runs(gaps, settings, u, open_runs)
             filled += closed
-    beyond = cols + settings.link_gap_px
-    _, closed = _close_runs(strips, cols, first_of_column, column_m_per_x, settings, beyond, buffers, open_runs)
+    _, closed = _close_runs(gaps, settings, cols + settings.link_gap_px, open_runs)
     return filled + closed
 
 
 @inner
-def _close_runs(strips, cols, first_of_column, column_m_per_x, settings, u, buffers, open_runs):
+def _close_runs(gaps, settings, u, open_runs):
     """Removes the runs that do not continue in column u and fills those that are slits; returns (runs left, gaps
     filled)."""
-    runs, ws = buffers.runs, settings.passable_width_m
-    kept, filled = 0, 0
+    runs, kept, filled = gaps.runs, 0, 0
     for r in range(open_runs):
         run = runs[r]
         if u - run.last <= settings.link_gap_px:
@@ -128,9 +119,9 @@ def _close_runs(strips, cols, first_of_column, column_m_per_x, settings, u, buff
                 runs[kept] = run
             kept += 1
             continue
-        width = (run.last - run.first + 1) * column_m_per_x * run.x_m
-        if width < ws and _bounded(strips, first_of_column, cols, run, settings):
-            filled += _fill_run(strips, first_of_column, run, buffers.lower, settings)
+        width = (run.last - run.first + 1) * settings.column_t * run.x_m
+        if width < settings.passable_width_m and _bounded(gaps, run, settings):
+            filled += _fill_run(gaps, run, settings)
     return kept, filled
 
 
@@ -171,24 +162,23 @@ def _join_run(strips, i, j, u, hs, runs, open_runs):
 
 
 @inner
-def _bounded(strips, first_of_column, cols, run, settings):
+def _bounded(gaps, run, settings):
     """True if both sides of a run are closed within `link_gap_px` columns, at the middle of its height."""
-    left = False
-    right = False
-    ws = settings.passable_width_m
+    strips, first_of_column, ws = gaps.strips, gaps.first_of_column, settings.passable_width_m
+    left, right = False, False
     for k in range(1, settings.link_gap_px + 1):
         a, b = run.first - k, run.last + k
         if a >= 0 and not left:
             left = closed_at(strips, first_of_column[a], first_of_column[a + 1], run, ws)
-        if b < cols and not right:
+        if b < len(first_of_column) - 1 and not right:
             right = closed_at(strips, first_of_column[b], first_of_column[b + 1], run, ws)
     return left and right
 
 
 @inner
-def _fill_run(strips, first_of_column, run, lower, settings):
+def _fill_run(gaps, run, settings):
     """Fills the gaps of one run; returns their number."""
-    filled = 0
+    strips, first_of_column, lower, filled = gaps.strips, gaps.first_of_column, gaps.lower, 0
     for u in range(run.first, run.last + 1):
         for i in range(first_of_column[u], first_of_column[u + 1]):
             j = lower[i]

@@ -12,6 +12,7 @@ bounded slopes is fitted. If no height is accepted, no ground is assumed."""
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -71,24 +72,10 @@ class GroundSamples(NamedTuple):
     column_step: int  # every column_step-th column is sampled
     row_step: int  # every row_step-th row is sampled
     votes: NDArray[np.int32]  # (bins,), votes per step of height
-    points: NDArray[Any]  # (N,) POINT. Further samples vote but are not written.
+    points: NDArray[Any]  # (N,) POINT. Further samples vote but are not written
 
 
-class GroundSearch(NamedTuple):
-    """Settings and memory of `find_ground`, kept from frame to frame."""
-
-    params: Params  # parameters
-    settings: NDArray[Any]  # (1,) GROUND_SETTINGS
-    votes: NDArray[np.int32]  # (bins,)
-    points: NDArray[Any]  # (ground_max_samples,) POINT
-
-
-def ground_search(p: Params) -> GroundSearch:
-    """Returns the settings and memory of the ground search."""
-    votes, points = np.zeros(height_bins(p), np.int32), np.zeros(p.ground_max_samples, POINT)
-    return GroundSearch(p, ground_settings(p), votes, points)
-
-
+@lru_cache(maxsize=4)
 def ground_settings(p: Params) -> NDArray[Any]:
     """Returns (1,) GROUND_SETTINGS."""
     cap = p.ground_tolerance_cap * p.min_obstacle_height_m
@@ -229,20 +216,19 @@ def find_ground(
     R_level_optical: Rotation,
     ke_per_m: float,
     last_height_m: float,
-    search: GroundSearch,
+    p: Params,
+    points: NDArray[Any],
 ) -> Ground:
     """Returns the ground of one frame, or NO_GROUND.
 
-    Args:
-        last_height_m: height of the last frame's ground, which gets more weight; nan: none.
-        search: of `ground_search`. Its points are those of this frame afterwards, for `with_ranges`."""
-    k, p, points = info.intrinsics, search.params, search.points
-    across, down = p.ground_column_step, p.ground_row_step
+    last_height_m: height of the last frame's ground, which gets more weight; nan: none. points: (ground_max_samples,)
+    POINT out, for `with_ranges`."""
+    k, across, down = info.intrinsics, p.ground_column_step, p.ground_row_step
     # The samples must cover the whole image: points below the ground can be anywhere in it.
     step = max(1, math.ceil(math.sqrt((k.width // across + 1) * (k.height // down + 1) / len(points))))
     camera = GroundCamera(np.ascontiguousarray(R_level_optical), np.array([k.fx, k.fy, k.cx, k.cy]), ke_per_m)
-    samples = GroundSamples(across * step, down * step, search.votes, points)
-    seen, plane, share = search_ground(marks, camera, last_height_m, search.settings, samples)
+    samples = GroundSamples(across * step, down * step, np.empty(height_bins(p), np.int32), points)
+    seen, plane, share = search_ground(marks, camera, last_height_m, ground_settings(p), samples)
     if not seen:
         return NO_GROUND
     noise_per_m = p.ground_sigmas * ke_per_m * plane.height_m

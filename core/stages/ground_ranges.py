@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,36 +17,23 @@ from ..types import Ground
 from .ground_fit import GroundPlane
 
 
-class SeenGround(NamedTuple):
-    """The ground of a frame, and which points belong to it."""
-
-    plane: GroundPlane  # GroundPlane
-    tolerance_m: float  # least distance from the plane at which a point does not belong to it
-    noise_per_m: float  # the same per metre of forward distance, where that is greater
-    blind_beyond_m: float  # greatest forward distance of a point
-
-
 @kernel
-def ground_ranges(points, ground, edges_t, seen_from, seen_to):
-    """Computes the nearest and farthest horizontal range at which the ground was measured in each direction.
+def ground_ranges(points, ground, tolerance_m, noise_per_m, blind_beyond_m, edges_t):
+    """Returns the nearest and farthest horizontal range at which the ground was measured in each direction, (2, D)
+    float32, m; 0: none.
 
-    A direction without a sample between two that have some gets the part of the range that both share.
-
-    Args:
-        points: (N,) POINT of `vote`. Those that voted count.
-        ground: SeenGround.
-        edges_t: (D + 1,) float64, tangents of the edges of the directions.
-        seen_from: (D,) float32 out, m; 0: none.
-        seen_to: (D,) float32 out, m; 0: none."""
-    directions, plane = len(edges_t) - 1, ground.plane
-    seen_from[:] = 0.0
-    seen_to[:] = 0.0
+    A direction without a sample between two that have some gets the part of the range that both share. Points that
+    voted count, up to the forward distance blind_beyond_m, within tolerance_m of the ground or noise_per_m of it per
+    metre of forward distance. ground: GroundPlane; edges_t: (D + 1,) float64, tangents of the edges of the directions."""
+    directions = len(edges_t) - 1
+    ranges = np.zeros((2, directions), np.float32)
+    seen_from, seen_to = ranges[0], ranges[1]
     for i in range(len(points)):
         x, y, z = np.float64(points[i].x), np.float64(points[i].y), np.float64(points[i].z)
-        if points[i].level == 0.0 or x > ground.blind_beyond_m:
+        if points[i].level == 0.0 or x > blind_beyond_m:
             continue
-        off = abs(z - plane.height_m - plane.slope_x * x - plane.slope_y * y)
-        if off > max(ground.tolerance_m, ground.noise_per_m * x):
+        off = abs(z - ground.height_m - ground.slope_x * x - ground.slope_y * y)
+        if off > max(tolerance_m, noise_per_m * x):
             continue
         d = int(np.searchsorted(edges_t, y / x, side="right")) - 1
         if d < 0 or d >= directions:
@@ -59,19 +46,14 @@ def ground_ranges(points, ground, edges_t, seen_from, seen_to):
             near, far = max(seen_from[d - 1], seen_from[d + 1]), min(seen_to[d - 1], seen_to[d + 1])
             if far > near:
                 seen_from[d], seen_to[d] = near, far
+    return ranges
 
 
 def with_ranges(ground: Ground, points: NDArray[Any], edges_t: NDArray[np.float64]) -> Ground:
-    """Returns the ground with the ranges at which it was measured.
-
-    Args:
-        ground: of `find_ground`.
-        points: (N,) POINT as `find_ground` left them.
-        edges_t: (D + 1,) float64, tangents of the edges of the directions of the free-range profile."""
+    """Returns the ground with the ranges at which it was measured. points: as `find_ground` left them."""
     if not ground.seen:
         return ground
-    seen_from, seen_to = np.empty((2, len(edges_t) - 1), np.float32)
     plane = GroundPlane(ground.height_m, ground.slope_x, ground.slope_y)
-    seen = SeenGround(plane, float(ground.tolerance_m), ground.noise_per_m, ground.blind_beyond_m)
-    ground_ranges(points, seen, edges_t, seen_from, seen_to)
-    return replace(ground, seen_from_m=tuple(seen_from.tolist()), seen_to_m=tuple(seen_to.tolist()))
+    limits = float(ground.tolerance_m), ground.noise_per_m, ground.blind_beyond_m
+    seen_from, seen_to = ground_ranges(points, plane, *limits, edges_t).tolist()
+    return replace(ground, seen_from_m=tuple(seen_from), seen_to_m=tuple(seen_to))

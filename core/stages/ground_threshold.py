@@ -7,14 +7,15 @@ computed, and `drop_ground_noise`, which removes strips that are noise of the gr
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..jit import inner, record
+from ..jit import inner
 from ..params import Params
 from ..types import Ground
+from .ground_fit import GroundPlane
 from .strips import MERGED
 from .support import compact
 from .view_geometry import Q_FAR, Q_UNKNOWN, ViewGeometry
@@ -30,21 +31,15 @@ class GroundThreshold(NamedTuple):
     """Decides which cells of the levelled view are ground or below it, see `ground_limit`.
 
     A cell z = X m is ground if it is lower than h + slope_x X + slope_y y - tolerance(X), with X = f lsb_per_px / q. The
-    tolerance is `spread` X, limited to two constants.
+    tolerance is `spread` X, limited to two constants."""
 
-    Attributes, float32 but for the last:
-        height: height h of the ground over f lsb_per_px.
-        least, cap: limits of the tolerance over f lsb_per_px.
-        spread: tolerance per metre of X.
-        slope_x: slope of the ground ahead; infinite if no ground was found.
-        shift: (cols,) float32, slope_y times the tangent of azimuth of each column."""
-
-    height: np.float32
-    least: np.float32
+    height: np.float32  # height h of the ground over f lsb_per_px
+    least: np.float32  # least, cap: limits of the tolerance over f lsb_per_px
     cap: np.float32
-    spread: np.float32
-    slope_x: np.float32
-    shift: NDArray[np.float32]
+    spread: np.float32  # tolerance per metre of X
+    slope_x: np.float32  # slope of the ground ahead; infinite if no ground was found
+    shift: NDArray[np.float32]  # (cols,), slope_y times the tangent of azimuth of each column
+    plane: GroundPlane  # the ground, at an infinite height if none was found
 
 
 @inner
@@ -59,7 +54,8 @@ def ground_threshold(ground: Ground, view: ViewGeometry, ke_per_m: float, params
     """Returns the threshold that separates obstacles from the ground of a frame."""
     f, zero = np.float32, np.float32(0.0)
     if not ground.seen:
-        return GroundThreshold(zero, zero, zero, zero, f(np.inf), np.zeros(view.cols, np.float32))
+        nowhere = GroundPlane(math.inf, 0.0, 0.0)
+        return GroundThreshold(zero, zero, zero, zero, f(np.inf), np.zeros(view.cols, np.float32), nowhere)
     gain, cap = view.f_px * view.lsb_per_px, params.ground_tolerance_cap * params.min_obstacle_height_m
     azimuth_t = (np.arange(view.cols) - view.cu) * view.lateral[0] / view.f_px
     return GroundThreshold(
@@ -69,75 +65,43 @@ def ground_threshold(ground: Ground, view: ViewGeometry, ke_per_m: float, params
         spread=f(params.ground_sigmas * ke_per_m * ground.height_m),
         slope_x=f(ground.slope_x),
         shift=(ground.slope_y * azimuth_t).astype(np.float32),
+        plane=GroundPlane(float(ground.height_m), float(ground.slope_x), float(ground.slope_y)),
     )
-
-
-GROUND_NOISE_TEST = record(
-    ("applies", np.int64),  # 0 if no ground was found
-    ("f_px", np.float64),
-    ("lsb_per_px", np.float64),
-    ("sigma_px", np.float64),  # noise of disparity
-    ("height_m", np.float64),  # of the ground
-    ("slope_x", np.float64),
-    ("near_px", np.float64),  # strips of at least this disparity are not tested
-    ("slack", np.float64),  # error of the height, as a share of it
-    ("need_px", np.float64),  # least excess of disparity over the ground for a strip of one row
-)
-"""Settings of `drop_ground_noise`."""
-
-
-def ground_noise_test(ground: Ground, view: ViewGeometry, ke_per_m: float, p: Params) -> NDArray[Any]:
-    """Returns (1,) GROUND_NOISE_TEST of a frame."""
-    out = np.zeros(1, GROUND_NOISE_TEST)
-    if not ground.seen:
-        return out
-    spread = p.ground_sigmas * ke_per_m * ground.height_m
-    sigma = max(ke_per_m * view.f_px, p.min_sigma_px)
-    near_px = view.f_px * spread / (p.ground_tolerance_cap * p.min_obstacle_height_m)
-    out[0] = (
-        1,
-        view.f_px,
-        view.lsb_per_px,
-        sigma,
-        ground.height_m,
-        ground.slope_x,
-        near_px,
-        STAND_M / ground.height_m,
-        STAND_SIGMAS * sigma,
-    )
-    return out
 
 
 @inner
-def drop_ground_noise(strips, n, codes, tan_mid, shift, test, keep):
+def drop_ground_noise(strips, n, codes, view, ground, settings, keep):
     """Removes strips that may be noise of the ground; returns the number of the others. Removed strips are unknown
     space.
 
     Where the noise of height exceeds the greatest tolerance of the ground, pixels of the ground itself lie above it
     and form strips. The sum over all rows of a strip distinguishes them from obstacles: on flat ground the pixels
     above and below the plane lie in the same rows and cancel. The mean disparity of all cells of these rows must
-    exceed that of the ground by need_px / sqrt(number of cells), after subtracting the error of the fit. Cells beyond
-    the range count as one sigma behind the ground.
-    tan_mid: (rows,) float32 of the view; shift: (cols,) float32 of GroundThreshold."""
-    f, quantum, sigma, height = test.f_px, test.lsb_per_px, test.sigma_px, test.height_m
-    dropped = 0
+    exceed that of the ground by STAND_SIGMAS / sqrt(number of cells) of noise, after subtracting the error of the fit. Cells beyond
+    the range count as one sigma behind the ground."""
+    f, sigma, height = view.f_px, settings.sigma_d_px, ground.plane.height_m
+    if height == math.inf:
+        return n
+    spread = settings.ground_sigmas * settings.ke_per_m * height
+    near_px = f * spread / (settings.ground_tolerance_cap * settings.min_obstacle_height_m)
+    slack, need_px, dropped = STAND_M / height, STAND_SIGMAS * sigma, 0
     for i in range(n):
         s = strips[i]
         d = np.float64(s.disparity_px)
         keep[i] = 1
-        if d >= test.near_px or s.kind == MERGED:
+        if d >= near_px or s.kind == MERGED:
             continue
         u = s.column
-        offset = test.slope_x + shift[u]
+        offset = ground.plane.slope_x + ground.shift[u]
         total, count = 0.0, 0
         for v in range(s.top_row, s.bottom_row + 1):
             code = codes[u, v]
             if code == Q_UNKNOWN:
                 continue
-            ground = max(0.0, f * (tan_mid[v] - offset) / height)
-            total += -sigma if code == Q_FAR else code / quantum - ground * (1.0 + test.slack)
+            expected = max(0.0, f * (view.tan_mid[v] - offset) / height)
+            total += -sigma if code == Q_FAR else code / view.lsb_per_px - expected * (1.0 + slack)
             count += 1
-        if total < test.need_px * math.sqrt(count):
+        if total < need_px * math.sqrt(count):
             keep[i] = 0
             dropped += 1
     return compact(strips, n, keep) if dropped > 0 else n

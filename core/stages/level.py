@@ -19,7 +19,7 @@ from ..frames import Rotation
 from ..jit import inline_ieee, inner, inner_inline, kernel
 from ..params import Params
 from ..types import FAR_MM, CameraInfo
-from .pooling import PoolView, level_pool, pool_columns
+from .pooling import level_pool, pool_columns
 from .view_geometry import Q_FAR, Q_MIN, Q_UNKNOWN, ViewGeometry, pooled_geometry
 
 _TILE_COLS, _TILE_HIGH, _TILE_ROWS = 32, 128, 64
@@ -148,24 +148,9 @@ def fetch_pixels(flat, at, mark, picked):
 
 @kernel
 def level_into(marks, R, k, view, out, picked):
-    """Fills `out` by `level_nearest` and `level_pool`. k: (4,) fx, fy, cx, cy."""
-    gain = view.f_px * view.lsb_per_px
-    level_nearest(marks, view.H, gain, out, picked)
-    level_pool(marks, picked, PoolView(R, k, view.f_px, view.cu, view.cv, gain), out)
-
-
-def fill_level(
-    marks: NDArray[np.uint16],
-    info: CameraInfo,
-    R_level_optical: Rotation,
-    view: ViewGeometry,
-    out: NDArray[np.uint16],
-    picked: NDArray[np.uint8],
-) -> None:
-    """Fills `out` (cols, rows) uint16 with the quantised disparity of a levelled view. picked: (H * W,) uint8
-    scratch."""
-    k = info.intrinsics
-    level_into(marks, np.ascontiguousarray(R_level_optical), np.array([k.fx, k.fy, k.cx, k.cy]), view, out, picked)
+    """Fills `out` by `level_nearest` and `level_pool`. picked: (H * W,) uint8 scratch."""
+    level_nearest(marks, view.H, view.f_px * view.lsb_per_px, out, picked)
+    level_pool(marks, picked, R, k, view, out)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -192,9 +177,9 @@ def level_view(
     """Returns the levelled view of an image of marks. Its arrays lie in `buffers` and are valid until the next frame.
 
     ke_per_m: noise coefficient, which determines what columns are pooled."""
-    codes = buffers("codes", (view.cols, view.rows), np.uint16)
-    fill_level(marks, info, R_level_optical, view, codes, buffers("picked", (marks.size,), np.uint8))
-    step = params.column_step
+    codes, picked = buffers("codes", (view.cols, view.rows), np.uint16), buffers("picked", (marks.size,), np.uint8)
+    k, step = info.intrinsics, params.column_step
+    level_into(marks, np.ascontiguousarray(R_level_optical), np.array([k.fx, k.fy, k.cx, k.cy]), view, codes, picked)
     if step == 1:
         return LevelledView(codes, view, codes, view)
     apart_px = math.sqrt(2.0) * _AGREE_SIGMAS * max(ke_per_m * view.f_px, params.min_sigma_px)

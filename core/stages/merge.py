@@ -9,10 +9,9 @@ strips are not read again."""
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..jit import inner, inner_inline, kernel
 from ..union_find import root_of
@@ -31,7 +30,7 @@ from .merge_cost import (
     score_piece,
 )
 from .planes import distance_at
-from .priority_queue import Queue, clear_queue, pop, push, queue_buffers
+from .priority_queue import ENTRY, QUEUE_STATE, STEPS, Queue, clear_queue, pop, push
 
 _EMPTY_WEIGHT = 0.5
 """Cost of a merge whose rectangle is all empty."""
@@ -50,26 +49,12 @@ _MOST_TRIES = 64
 class MergeBuffers(NamedTuple):
     """Scratch memory of `join_planes` for N planes."""
 
-    traits: NDArray[np.float64]  # (N, TRAITS), see `score_piece`
-    order: NDArray[np.int32]  # (N,), planes by cluster and first tangent
-    place: NDArray[np.float64]  # (N,), key of the order
-    age: NDArray[np.int32]  # (N,), number of merges of a plane
-    tiles: NDArray[np.float64]  # see `costs_of_next`
-    next_cost: NDArray[np.float64]  # see `costs_of_next`
-    queue: Queue  # queue with merge_partners entries per plane
-
-
-def merge_buffers(planes: int, partners: int) -> MergeBuffers:
-    """Allocates scratch memory for this number of planes with this number of partners each."""
-    return MergeBuffers(
-        np.zeros((planes, TRAITS)),
-        np.zeros(planes, np.int32),
-        np.zeros(planes),
-        np.zeros(planes, np.int32),
-        np.zeros(-(-planes // TILE) * TRAITS * TILE),
-        np.zeros(planes),
-        queue_buffers(planes * partners),
-    )
+    traits: Any  # (N, TRAITS) float64, see `score_piece`
+    order: Any  # (N,) int32, planes by cluster and first tangent
+    age: Any  # (N,) int32, number of merges of a plane
+    tiles: Any  # tiles, next_cost: see `costs_of_next`
+    next_cost: Any
+    queue: Queue  # with merge_partners entries per plane
 
 
 @inner_inline
@@ -88,8 +73,8 @@ def propose_pairs(count, planes, settings, buffers):
 
     Each plane is scored with at most merge_candidates of the next planes in buffers.order. The cheapest
     merge_partners of them become pairs."""
-    order, age, entries, partners = buffers.order, buffers.age, buffers.queue.entries, settings.merge_partners
-    best_cost, best = np.empty(partners), np.empty(partners, np.int32)
+    order, age, entries = buffers.order, buffers.age, buffers.queue.entries
+    best_cost, best = np.empty(settings.merge_partners), np.empty(settings.merge_partners, np.int32)
     found_pairs, alive = 0, 0
     for k in range(count):
         if planes[order[k]].support >= 0:
@@ -143,26 +128,24 @@ def keep_cheapest(cost, plane, found, best_cost, best):
     return min(found + 1, partners)
 
 
-@inner
-def prepare_pieces(count, planes, settings, buffers):
-    """Writes the traits and ages of all planes, and where each one lies, by cluster and first tangent, to buffers.place."""
-    for k in range(count):
-        buffers.age[k] = 0
-        score_piece(planes[k], buffers.traits, k, settings)
-        buffers.place[k] = _MORE_THAN_T * planes[k].cluster + planes[k].t0
-
-
 @kernel
-def join_planes(count, room, tables, settings, cover, buffers):
+def join_planes(count, tables, settings, cover):
     """Joins planes of one cluster, the cheapest pair first, until no pair fits. Joined planes get a negative support.
 
     A merged plane has the neighbours of its parts; each of at most merge_rounds rounds searches new ones.
-    room: `plane_room` of the frame; tables: PlaneTables, planes and parent in and out."""
-    planes = tables.planes
+    tables: PlaneTables, planes and parent in and out."""
+    planes, pairs = tables.planes, count * settings.merge_partners
+    traits, place = np.empty((count, TRAITS)), np.empty(count)
+    for k in range(count):
+        score_piece(planes[k], traits, k, settings)
+        place[k] = _MORE_THAN_T * planes[k].cluster + planes[k].t0
+    order = np.argsort(place, kind="mergesort").astype(np.int32)
+    entries, lists, heap = np.empty(pairs, ENTRY), np.empty(STEPS, np.int32), np.empty(pairs, np.int32)
+    queue = Queue(entries, lists, heap, np.empty(1, QUEUE_STATE))
+    tiles, next_cost = np.empty(-(-count // TILE) * TRAITS * TILE), np.empty(count)
+    buffers = MergeBuffers(traits, order, np.zeros(count, np.int32), tiles, next_cost, queue)
     scored = np.full((_SLOTS, 3), -1, np.int32)
-    prepare_pieces(count, planes, settings, buffers)
-    buffers.order[:count] = np.argsort(buffers.place[:count], kind="mergesort")
-    tries = _MOST_TRIES * room * settings.merge_partners
+    tries = _MOST_TRIES * len(planes) * settings.merge_partners
     for _ in range(settings.merge_rounds):
         proposed = propose_pairs(count, planes, settings, buffers)
         if join_proposed(proposed, tries, tables, settings, cover, scored, buffers) == 0:

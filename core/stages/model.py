@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..invalid_model import unknown_model
 from ..jit import inner, kernel
 from ..params import Params
 from ..types import CameraInfo, FrameModel, FrameStats, Ground, InvalidCause, PlaneFlags, StripTable
@@ -50,20 +51,7 @@ class PublishedPlanes(NamedTuple):
 
 def blind_model(info: CameraInfo, cause: InvalidCause, params: Params, stats: FrameStats | None = None) -> FrameModel:
     """Returns the invalid model of a frame, in which nothing is free."""
-    return FrameModel(
-        valid=False,
-        cause=cause,
-        planes=np.zeros((0, 6), np.float32),
-        support_px=np.zeros(0, np.int32),
-        margin_m=np.zeros(0, np.float32),
-        flags=np.zeros(0, np.uint8),
-        cluster=np.zeros(0, np.int32),
-        prisms=(),
-        free=empty_profile(params),
-        ground=NO_GROUND,
-        stats=stats or FrameStats(),
-        ke_per_m=info.ke_per_m,
-    )
+    return unknown_model(cause, empty_profile(params), NO_GROUND, stats or FrameStats(), info.ke_per_m)
 
 
 def pixel_stats(counts: tuple[int, int, int], size: int, **more: int) -> FrameStats:

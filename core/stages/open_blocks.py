@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..jit import inline_ieee, inner, inner_inline
+from ..jit import inline_ieee, inner_inline, kernel
 from ..types import BEYOND_MM, CONTINUED_MM, FAR_MM, SATURATED_MM, TEXTURED_MM, TEXTURELESS_MM, UNKNOWN_MM
 from .level import source_of_rows, source_rows_of_column
 from .view_geometry import Q_FAR, Q_UNKNOWN
@@ -40,27 +40,21 @@ class MarkedView(NamedTuple):
     kinds: Any
 
 
-class ForwardRows(NamedTuple):
-    """Scratch of `level_marks`, (rows,): forward float32, at uint32, of `level.source_of_rows`."""
-
-    forward: Any
-    at: Any
-
-
-@inner
-def level_marks(flat, shape, codes, H, least_m, gain, scratch, marked):
+@kernel
+def level_marks(flat, shape, codes, H, least_m, gain, marked):
     """Each cell of the levelled view takes what its source pixel holds, and a far one the code of what was measured there.
 
     flat: (H * W,) uint16 of the source, with its marks; shape: (H, W); codes: (cols, rows) uint16 of the view. least_m: optical depth that a
-    far cell has at least; gain: f_px * lsb_per_px. scratch: ForwardRows. marked: MarkedView, filled."""
+    far cell has at least; gain: f_px * lsb_per_px. marked: MarkedView, filled."""
     src_rows, src_cols = shape
     rows = codes.shape[1]
+    forward_of, at_of = np.empty(rows, np.float32), np.empty(rows, np.uint32)
     for u in range(codes.shape[0]):
         first, end = source_rows_of_column(H, u, src_cols, src_rows, rows)
         line, mm, kinds = marked.codes[u], marked.mm[u], marked.kinds[u]
         line[:first], mm[:first], kinds[:first] = Q_UNKNOWN, UNKNOWN_MM, _IS_OUTSIDE
         line[end:], mm[end:], kinds[end:] = Q_UNKNOWN, UNKNOWN_MM, _IS_OUTSIDE
-        forward, at = scratch.forward[: end - first], scratch.at[: end - first]
+        forward, at = forward_of[: end - first], at_of[: end - first]
         source_of_rows(H, u, first, src_cols, src_rows, forward, at)
         fetch_marks(flat, at, mm[first:end])
         codes_beyond(codes[u, first:end], mm[first:end], forward, least_m, gain, line[first:end])
@@ -102,22 +96,22 @@ def kinds_of(codes, mm, kinds):
 
 
 class BlockRows(NamedTuple):
-    """Scratch of `sort_blocks`, (rows,), of two columns of cells: kinds uint8, bits of both; measured uint8: how many of both are;
-    most uint16: the greater code."""
+    """What `join_columns` finds of two columns of cells, (rows,)."""
 
-    kinds: Any
-    measured: Any
-    most: Any
+    kinds: Any  # uint8, bits of both
+    measured: Any  # uint8, how many of both are measured
+    most: Any  # uint16, the greater code
 
 
-@inner
-def sort_blocks(marked, gain, scratch, kind, near):
+@kernel
+def sort_blocks(marked, gain, kind, near):
     """marked: MarkedView. kind: (C, R) uint8 out, of each block of the view; near: (C, R) float32 out, its least forward distance,
-    BEYOND_ALL: none within the range. gain: f_px * lsb_per_px. scratch: BlockRows.
+    BEYOND_ALL: none within the range. gain: f_px * lsb_per_px.
 
     Two columns and two rows of a block are looked at; at the border of the view, where it has one, that one twice."""
     cols, rows = marked.codes.shape
-    of_both, measured, most = scratch.kinds, scratch.measured, scratch.most
+    of_both, measured, most = np.empty(rows, np.uint8), np.empty(rows, np.uint8), np.empty(rows, np.uint16)
+    scratch = BlockRows(of_both, measured, most)
     for j in range(kind.shape[0]):
         u0 = j * BLOCK
         u1 = u0 + STEP if u0 + STEP < cols else u0

@@ -63,22 +63,9 @@ class Refusal(IntEnum):
     """An object without connection to the ground is measured nearby."""
 
 
-_NONE, _NO_SKY, _LOW_SKY, _WIDE_EDGE, _SMOOTH_STRIP, _NOT_MEASURED = (
-    int(Refusal.NONE),
-    int(Refusal.NO_SKY),
-    int(Refusal.LOW_SKY),
-    int(Refusal.WIDE_EDGE),
-    int(Refusal.SMOOTH_STRIP),
-    int(Refusal.NOT_MEASURED),
-)
-_EDGE_ABOVE, _EDGE_BELOW = int(Refusal.EDGE_ABOVE_HORIZON), int(Refusal.EDGE_BELOW_HORIZON)
-_NEAR_BASE, _NEAR_ABOVE, _NEAR_BASE_BESIDE, _NO_EVIDENCE_BESIDE, _FLOATING = (
-    int(Refusal.NEAR_BASE),
-    int(Refusal.NEAR_ABOVE),
-    int(Refusal.NEAR_BASE_BESIDE),
-    int(Refusal.NO_EVIDENCE_BESIDE),
-    int(Refusal.FLOATING),
-)
+_REFUSALS = tuple(map(int, Refusal))
+_NONE, _NO_SKY, _LOW_SKY, _EDGE_ABOVE, _EDGE_BELOW, _WIDE_EDGE, _SMOOTH_STRIP, _NOT_MEASURED = _REFUSALS[:8]
+_NEAR_BASE, _NEAR_ABOVE, _NEAR_BASE_BESIDE, _NO_EVIDENCE_BESIDE, _FLOATING = _REFUSALS[8:]
 
 OPEN_SETTINGS = parameter_record(
     OpenSkyParams,
@@ -97,13 +84,6 @@ OPEN_SETTINGS = parameter_record(
 """The parameters, and: f_px, horizon_row: of the view; gain: f_px * lsb_per_px. far_m: optical depth that a far cell has at least; most_m: nothing is
 open beyond. Heights in tangents (`_t`), lengths along rows in blocks;
 floating_reach: blocks times metres."""
-
-
-class CellKinds(NamedTuple):
-    """Of the two columns of cells that are sampled in a column of blocks, (rows,) uint8 each: `MarkedView.kinds`."""
-
-    one: Any
-    other: Any
 
 
 class Columns(NamedTuple):
@@ -158,7 +138,7 @@ def tangent(i, s):
 def scan_column(kind, near, cells, s):
     """(top, edge, base, R, refusal) of one column: the first row of its textureless run, the row behind its last, the row of what is
     measured below, and the distance of that edge, 0 where the column gives no evidence, with its Refusal. kind, near: (R,); cells:
-    `CellKinds` of the column."""
+    `MarkedView.kinds` of both columns of cells that are sampled in it."""
     rows = len(kind)
     top = 0
     while top < rows and kind[top] == OUTSIDE:
@@ -197,7 +177,7 @@ def scan_column(kind, near, cells, s):
 @inner
 def gap_rows(cells, edge, base):
     """Rows of cells between the edge of the sky above block row `edge` and what begins in block row `base`. The marks of an edge begin
-    EDGE_ROWS above it, which is sky. cells: `CellKinds` of the column."""
+    EDGE_ROWS above it, which is sky. cells: as in `scan_column`."""
     one, other = cells
     first = max(0, edge * BLOCK - 1)  # the last row of a block is not sampled
     while first < base * BLOCK and one[first] == IS_SMOOTH and other[first] == IS_SMOOTH:

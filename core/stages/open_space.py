@@ -30,14 +30,11 @@ from .open_blocks import (
     BLOCK,
     EDGE_ROWS,
     STEP,
-    BlockRows,
-    ForwardRows,
     MarkedView,
     level_marks,
     sort_blocks,
 )
 from .open_columns import (
-    CellKinds,
     Columns,
     bridge_columns,
     empty_columns,
@@ -144,10 +141,8 @@ def open_codes(depth_mm, codes, H, settings, columns, marked):
     shape = (n, (rows + BLOCK - 1) // BLOCK)
     kind, near = np.empty(shape, np.uint8), np.empty(shape, np.float32)
     # what is beyond the range of the camera has a distance too
-    scratch = ForwardRows(np.empty(rows, np.float32), np.empty(rows, np.uint32))
-    level_marks(depth_mm.ravel(), depth_mm.shape, codes, H, s.far_m, s.gain, scratch, marked)
-    of_blocks = BlockRows(np.empty(rows, np.uint8), np.empty(rows, np.uint8), np.empty(rows, np.uint16))
-    sort_blocks(marked, s.gain, of_blocks, kind, near)
+    level_marks(depth_mm.ravel(), depth_mm.shape, codes, H, s.far_m, s.gain, marked)
+    sort_blocks(marked, s.gain, kind, near)
     judge_columns(kind, near, marked.kinds, s, columns)
     for j in range(n):
         if columns.limit_m[j] < s.most_m:
@@ -162,7 +157,7 @@ def judge_columns(kind, near, cells, s, columns):
     horizon = int(math.floor((s.horizon_row + 0.5) / BLOCK))
     for j in range(kind.shape[0]):
         u = j * BLOCK
-        sampled = CellKinds(cells[u], cells[u + STEP if u + STEP < len(cells) else u])
+        sampled = cells[u], cells[u + STEP if u + STEP < len(cells) else u]
         top, edge, base, base_m, why = scan_column(kind[j], near[j], sampled, s)
         columns.top[j], columns.edge[j], columns.base[j], columns.base_m[j] = top, edge, base, base_m
         columns.refusal[j] = why

@@ -8,10 +8,8 @@ their own, if the rest is then moved much less, compared with the scatter of its
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..jit import inner, kernel, record
 from .line_fit import add_point, clear_moments, fit_line, misfit
@@ -27,33 +25,13 @@ NEW_PLANE = record(("plane", np.int32), ("last_strip", np.int32))
 """The plane from which a new one was split off, and the last strip of the new one."""
 
 
-class OutlierBuffers(NamedTuple):
-    """Scratch memory for n strips and N planes."""
-
-    excess_m: NDArray[np.float32]  # (n,), `near_excess_m` of each strip
-    above: NDArray[np.float64]  # (N, STEPS), support of the strips of a plane by step of their excess
-    least_m: NDArray[np.float64]  # (N,), excess from which strips of a plane are split off
-    new: NDArray[Any]  # (N,) NEW_PLANE
-
-
-def outlier_buffers(strips: int, planes: int) -> OutlierBuffers:
-    """Allocates scratch memory for this number of strips and planes."""
-    return OutlierBuffers(
-        np.zeros(strips + 1, np.float32),
-        np.zeros((planes, STEPS)),
-        np.zeros(planes),
-        np.zeros(planes, NEW_PLANE),
-    )
-
-
 @kernel
-def measure_excess(strips, view, settings, count, tables, buffers):
-    """Computes `near_excess_m` of each strip, and the support of the strips of each plane by step of their excess:
-    excess_m and above of OutlierBuffers.
+def measure_excess(strips, view, settings, count, tables):
+    """Returns `near_excess_m` of each strip, (n,) float32, and the support of the strips of each plane by step of their
+    excess, (count, STEPS) float64.
 
-    Strips without an excess are not counted. The other arguments are those of `measure_planes`."""
-    planes, excess_m, above = tables.planes, buffers.excess_m, buffers.above
-    above[:count] = 0.0
+    Strips without an excess are not counted."""
+    planes, excess_m, above = tables.planes, np.empty(strips.count, np.float32), np.zeros((count, STEPS))
     length = np.empty(count)
     for k in range(count):
         length[k] = math.hypot(planes[k].a, planes[k].b)
@@ -67,31 +45,29 @@ def measure_excess(strips, view, settings, count, tables, buffers):
         excess_m[i] = near_excess_m(strip, distance_at(planes[k], t), t, planes[k], length[k], view.f_px, settings)
         if excess_m[i] > 0.0:
             above[k, min(int(excess_m[i] / _STEP_M), STEPS - 1)] += strip.support
+    return excess_m, above
 
 
 @inner
-def outlier_limits(count, planes, settings, buffers):
-    """Computes the excess from which strips are split off each plane: least_m of OutlierBuffers, infinite if none are.
+def outlier_limit_m(plane, above, settings):
+    """Returns the excess from which strips are split off a plane, m; infinite if none are.
 
     Those strips have at most stand_out_share of the support of the plane. Without them the plane is moved less, by at
-    least stand_out_m and at least stand_out_spreads times the root mean square distance of its strips from its line."""
-    above, least_m = buffers.above, buffers.least_m
-    for k in range(count):
-        p = planes[k]
-        least_m[k] = math.inf
-        if p.front_m <= settings.stand_out_m:
-            continue
-        first, held = STEPS, 0.0
-        for back in range(STEPS):
-            held += above[k, STEPS - 1 - back]
-            if held > settings.stand_out_share * p.support:
-                break
-            first = STEPS - 1 - back
-        w, s = p.sum_w, p.sum_s
-        square = misfit(w, p.sum_t, s, p.sum_tt, p.sum_ts, p.sum_ss, p.a, p.b)
-        spread_m = math.sqrt(square) * (w / s) * (w / s)
-        if p.front_m - first * _STEP_M >= max(settings.stand_out_m, settings.stand_out_spreads * spread_m):
-            least_m[k] = first * _STEP_M
+    least stand_out_m and at least stand_out_spreads times the root mean square distance of its strips from its line.
+    above: (STEPS,) of `measure_excess`."""
+    if plane.front_m <= settings.stand_out_m:
+        return math.inf
+    first, held = STEPS, 0.0
+    for back in range(STEPS):
+        held += above[STEPS - 1 - back]
+        if held > settings.stand_out_share * plane.support:
+            break
+        first = STEPS - 1 - back
+    w, s = plane.sum_w, plane.sum_s
+    square = misfit(w, plane.sum_t, s, plane.sum_tt, plane.sum_ts, plane.sum_ss, plane.a, plane.b)
+    spread_m = math.sqrt(square) * (w / s) * (w / s)
+    least_m = max(settings.stand_out_m, settings.stand_out_spreads * spread_m)
+    return first * _STEP_M if plane.front_m - first * _STEP_M >= least_m else math.inf
 
 
 @inner
@@ -112,27 +88,29 @@ def split_off_before(strip, k, strips, new, gap_px):
     return -1
 
 
-@inner
-def split_outliers(strips, view, settings, count, tracks, tables, buffers):
+@kernel
+def split_outliers(strips, view, settings, count, tracks, tables):
     """Makes planes of the strips whose excess is at least the limit of their plane; returns the number of all planes.
 
     A strip is added to the plane of `split_off_before`, or begins a new one. Line and ends of the new planes are written;
     all else must be measured again, also the heights of the old planes.
 
     Args:
-        strips: StripList, in and out.
+        strips: in and out.
         tracks: number of tracks. New tracks are numbered from there on.
-        tables: PlaneTables, in and out, with room for one more plane and track per strip.
-        buffers: OutlierBuffers, filled by `measure_excess` and `outlier_limits`."""
-    planes, plane_of, table = tables.planes, tables.plane_of, strips.table
-    new, excess_m, half = buffers.new, buffers.excess_m, settings.half_column_t
+        tables: in and out, with room for one more plane and track per strip."""
+    planes, plane_of, table, half = tables.planes, tables.plane_of, strips.table, settings.half_column_t
+    excess_m, above = measure_excess(strips, view, settings, count, tables)
+    least_m, new = np.empty(count), np.empty(len(planes), NEW_PLANE)
+    for k in range(count):
+        least_m[k] = outlier_limit_m(planes[k], above[k], settings)
     total = count
     for i in range(strips.count):
         if excess_m[i] <= 0.0:
             continue
         strip = table[i]
         k = plane_of[strip.track]
-        if excess_m[i] < buffers.least_m[k]:
+        if excess_m[i] < least_m[k]:
             continue
         at = split_off_before(strip, k, table, new[count:total], settings.link_gap_px)
         t = tangent(strip, view)

@@ -6,8 +6,6 @@ disappear where the view has fewer cells than the source has pixels."""
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
-
 import numpy as np
 
 from ..jit import inner_inline, kernel_ieee
@@ -17,17 +15,6 @@ from .view_geometry import Q_MIN
 _TILE_WIDE = 128
 """Pixels of a row that are processed together; their tables fit the L1 cache."""
 _FAR = np.uint16(FAR_MM)
-
-
-class PoolView(NamedTuple):
-    """The levelled view as `level_pool` needs it."""
-
-    R: Any  # (3, 3) R_level_optical
-    k: Any  # (4,) fx, fy, cx, cy of the source
-    f_px: Any  # f_px, cu, cv: see ViewGeometry
-    cu: Any
-    cv: Any
-    gain: Any  # f_px * lsb_per_px
 
 
 @inner_inline
@@ -56,22 +43,17 @@ def left_over(marks, picked, want, found):
 
 
 @kernel_ieee
-def level_pool(marks, picked, view, out):
+def level_pool(marks, picked, R, k, view, out):
     """Transfers the measured source pixels that no cell took to their cells, where the nearest pixel is kept.
 
     Thin objects stay where the view has fewer cells than the source has pixels. Where it has more, nothing is
     enlarged, since every pixel was taken. Far pixels are not transferred: they must not make an unknown cell free.
-
-    Args:
-        picked: (H * W,) uint8 of `level_nearest`.
-        view: PoolView.
-        out: (cols, rows) uint16 of `level_nearest`, in and out."""
+    picked: (H * W,) uint8 of `level_nearest`; out: (cols, rows) uint16 of it, in and out."""
     want, found = np.zeros(_TILE_WIDE, np.uint8), np.empty(_TILE_WIDE + 1, np.int32)
     mark, cell = np.empty(_TILE_WIDE, np.uint16), np.empty(_TILE_WIDE, np.uint32)
     code, flat = np.empty(_TILE_WIDE, np.int32), out.ravel()
-    R, k, (cols, rows) = view.R, view.k, out.shape
-    src_rows, src_cols = marks.shape
-    f, gain, half = np.float32(view.f_px), np.float32(view.gain), np.float32(0.5)
+    (cols, rows), (src_rows, src_cols) = out.shape, marks.shape
+    f, gain, half = np.float32(view.f_px), np.float32(view.f_px * view.lsb_per_px), np.float32(0.5)
     cu, cv = np.float32(view.cu + 0.5), np.float32(view.cv + 0.5)
     right, bottom, high = np.float32(cols), np.float32(rows), np.int32(rows)
     dx, dy, dz = np.float32(R[0, 0] / k[0]), np.float32(R[1, 0] / k[0]), np.float32(R[2, 0] / k[0])

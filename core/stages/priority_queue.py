@@ -39,16 +39,6 @@ class Queue(NamedTuple):
     state: NDArray[Any]  # (1,) QUEUE_STATE
 
 
-def queue_buffers(entries: int) -> Queue:
-    """Allocates a queue for this number of entries. `clear_queue` must be called before use."""
-    return Queue(
-        np.zeros(entries, ENTRY),
-        np.zeros(STEPS, np.int32),
-        np.zeros(entries, np.int32),
-        np.zeros(1, QUEUE_STATE),
-    )
-
-
 @inner
 def clear_queue(queue):
     """Empties the queue."""

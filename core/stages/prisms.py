@@ -37,15 +37,6 @@ class Profiles(NamedTuple):
     plane_of: Any  # (E,) int32 plane of an edge
 
 
-class Outlines(NamedTuple):
-    """Further output tables of the same prisms."""
-
-    vertices: Any  # (V, 2) float32
-    margins: Any  # (M,) float32 greatest margin of the planes of a prism
-    clusters: Any  # (M,) int32
-    begins: Any  # (M + 1,) int32 first vertex of a prism, and the end
-
-
 @kernel
 def join_heights(heights, join_m, out):
     """Replaces each height by the least one of its group: out. A group spans at most join_m."""
@@ -186,48 +177,37 @@ def cut_into_prisms(planes, join_m, end_m, out):
         cuts = np.unique(np.concatenate((tops, bottoms)))
         first, last = np.searchsorted(cuts, tops), np.searchsorted(cuts, bottoms)
         group = Group(members, cuts, first, last)
-        runs = write_runs(planes, group, end_m, size, edges, out)
-        if members.shape[0] > 1:
-            room = 2 * (runs[0] - size) + runs[1] - edges
-            heights, starts, plane_of = out.heights, out.starts, out.plane_of
-            none = Profiles(heights[heights.shape[0] :], starts[starts.shape[0] :], plane_of[plane_of.shape[0] :])
-            layers = write_layers(planes, group, end_m, size, edges, none)
-            if 2 * (layers[0] - size) + layers[1] - edges < room:
-                runs = write_layers(planes, group, end_m, size, edges, out)
-        size, edges = runs
+        layers = write_layers(planes, group, end_m, size, edges, out)
+        found = write_runs(planes, group, end_m, size, edges, out)
+        if 2 * layers[0] + layers[1] < 2 * found[0] + found[1]:
+            found = write_layers(planes, group, end_m, size, edges, out)
+        size, edges = found
     return size, edges
 
 
-@inner
-def draw_profiles(count, planes, margin_m, cluster, profiles, out):
-    """Fills Outlines of `count` prisms: the left end of the first plane, then the right end of each plane."""
-    starts, plane_of, vertices, margins = profiles.starts, profiles.plane_of, out.vertices, out.margins
+@kernel
+def write_prisms(planes, margin_m, cluster, join_m, end_m):
+    """Returns cluster, heights_m, margin_m, vertex_begin, edge_begin, vertices_m and plane of PrismTable. The vertices of
+    a prism are the left end of its first plane, then the right end of each plane."""
+    room = 3 * len(planes)
+    heights, starts, plane_of = np.empty((room, 2), np.float32), np.empty(room + 1, np.int32), np.empty(room, np.int32)
+    size, edges = cut_into_prisms(planes, join_m, end_m, Profiles(heights, starts, plane_of))
+    starts[size] = edges
+    vertices, begins = np.empty((edges + size, 2), np.float32), np.empty(size + 1, np.int32)
+    margins, clusters = np.empty(size, np.float32), np.empty(size, np.int32)
     at = 0
-    for k in range(count):
+    for k in range(size):
         first = plane_of[starts[k]]
-        out.clusters[k], out.begins[k] = cluster[first], at
+        clusters[k], begins[k], margins[k] = cluster[first], at, margin_m[first]
         vertices[at, 0], vertices[at, 1] = planes[first, AX], planes[first, AY]
         at += 1
-        most = margin_m[first]
         for edge in range(starts[k], starts[k + 1]):
             p = plane_of[edge]
             vertices[at, 0], vertices[at, 1] = planes[p, BX], planes[p, BY]
             at += 1
-            most = max(most, margin_m[p])
-        margins[k] = most
-    out.begins[count] = at
-
-
-@kernel
-def write_prisms(planes, margin_m, cluster, join_m, end_m, profiles, outlines):
-    """Runs `cut_into_prisms` and `draw_profiles`; returns (prisms, edges).
-
-    profiles, outlines: out, with room for all prisms; `starts` has one element more."""
-    starts = profiles.starts
-    size, edges = cut_into_prisms(planes, join_m, end_m, Profiles(profiles.heights, starts[:-1], profiles.plane_of))
-    starts[size] = edges
-    draw_profiles(size, planes, margin_m, cluster, profiles, outlines)
-    return size, edges
+            margins[k] = max(margins[k], margin_m[p])
+    begins[size] = at
+    return clusters, heights[:size], margins, begins, starts[: size + 1], vertices, plane_of[:edges]
 
 
 def layered_prisms(
@@ -241,22 +221,18 @@ def layered_prisms(
         cluster: (N,) int32.
         join_m: heights closer than this are one cut.
         end_m: ends closer than this are one vertex."""
-    n = len(planes)
-    if not n:
+    if not len(planes):
         return NO_PRISMS
-    room = 3 * n
-    heights, vertices = np.empty((room, 2), np.float32), np.empty((2 * room, 2), np.float32)
-    starts, plane_of, begins = np.empty(room + 1, np.int32), np.empty(room, np.int32), np.empty(room + 1, np.int32)
-    margins, clusters = np.empty(room, np.float32), np.empty(room, np.int32)
-    profiles, outlines = Profiles(heights, starts, plane_of), Outlines(vertices, margins, clusters, begins)
-    size, edges = write_prisms(planes, margin_m, cluster, join_m, end_m, profiles, outlines)
+    clusters, heights, margins, begins, starts, vertices, plane_of = write_prisms(
+        planes, margin_m, cluster, join_m, end_m
+    )
     return PrismTable(
-        cluster=clusters[:size],
-        heights_m=heights[:size],
-        closed=np.zeros(size, bool),
-        margin_m=margins[:size],
-        vertex_begin=begins[: size + 1],
-        edge_begin=starts[: size + 1],
-        vertices_m=vertices[: edges + size],
-        plane=plane_of[:edges],
+        cluster=clusters,
+        heights_m=heights,
+        closed=np.zeros(len(clusters), bool),
+        margin_m=margins,
+        vertex_begin=begins,
+        edge_begin=starts,
+        vertices_m=vertices,
+        plane=plane_of,
     )

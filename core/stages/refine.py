@@ -172,13 +172,13 @@ def _touches_opening(p, q, openings):
 
 
 @inner
-def close_concavities(count, room, planes, settings, openings):
+def close_concavities(count, planes, settings, openings):
     """Closes gaps narrower than Ws between neighbours of one cluster by planes marked inferred; returns the number of
     planes.
 
     The chord connects the two ends over the height that both share, at least _LEAST_COMMON_M. `trim_covered` removes what
     lies behind it. Openings (openings.py) stay open.
-    room: greatest number of planes; planes: (N,) PLANE, in and out."""
+    planes: in and out; no plane is added to a full table."""
     first = count
     for i in range(first):
         p = planes[i]
@@ -192,7 +192,7 @@ def close_concavities(count, room, planes, settings, openings):
             gap = facing_gap_m(p, q)
             if gap < nearest:
                 best, nearest = j, gap
-        if best < 0 or count >= room:
+        if best < 0 or count >= len(planes):
             continue
         q = planes[best]
         s0, s1 = 1.0 / distance_at(p, p.t1), 1.0 / distance_at(q, q.t0)

@@ -14,9 +14,8 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..jit import inner, inner_inline, record
+from ..jit import inner, inner_inline, kernel, record
 from .line_fit import LINE_SIGMAS, add_point, clear_moments, fit_line
 from .openings import cell_of, layer_of
 from .strips import CUT_BOTTOM, CUT_TOP
@@ -53,21 +52,13 @@ _EDGE_PX = 2.0
 
 
 class Front(NamedTuple):
-    """Scratch memory of `grow`: the tracks that may continue."""
+    """The tracks that may continue, at most N."""
 
-    track: NDArray[np.int32]  # (N,), the track
-    strip: NDArray[np.int32]  # (N,), its last strip
-    top_row: NDArray[np.int32]  # (N,), of that strip
-    bottom_row: NDArray[np.int32]  # (N,), of that strip
-    cluster: NDArray[np.int32]  # (N,), of that strip
-    touches: NDArray[np.uint8]  # (N,), 1 if the present strip touches its rows
-    near: NDArray[np.int32]  # (N,), positions of these tracks
-
-
-def front_buffers(strips: int) -> Front:
-    """Allocates scratch memory for this number of strips."""
-    track, strip, top, bottom, cluster, near = np.zeros((6, strips + 1), np.int32)
-    return Front(track, strip, top, bottom, cluster, np.zeros(strips + 1, np.uint8), near)
+    track: Any  # (N,) int32, the track
+    strip: Any  # (N,) int32, its last strip
+    top_row: Any  # top_row, bottom_row, cluster: (N,) int32, of that strip
+    bottom_row: Any
+    cluster: Any
 
 
 class StripEnds(NamedTuple):
@@ -132,17 +123,19 @@ def misfit_share(t, s, variance, track, settings):
     return abs(s - track.a - track.b * t) / allowed
 
 
-@inner
-def grow(strips, view, first_of_column, settings, openings, tracks, front):
+@kernel
+def grow(strips, view, first_of_column, settings, openings, tracks):
     """Assigns each strip to a track and writes the table of tracks; returns their number.
 
     A strip is added to the track with the least misfit among those of its cluster that touch its rows and have no
     strip in its column yet; of equals to the oldest one. The body is one function because a call that passes arrays
     costs more than its work; the functions called here are inlined.
-    strips: (N,) STRIP with places, in the order of columns; tracks: (N,) TRACK out."""
-    count, size = 0, 0
-    front_track, front_strip, front_top = front.track, front.strip, front.top_row
-    front_bottom, front_cluster, touches, near = front.bottom_row, front.cluster, front.touches, front.near
+    strips: with places, in the order of columns; tracks: (N,) TRACK out, N: the number of strips."""
+    count, size, n = 0, 0, len(tracks)
+    front_track, front_strip, front_top = np.empty(n, np.int32), np.empty(n, np.int32), np.empty(n, np.int32)
+    front_bottom, front_cluster = np.empty(n, np.int32), np.empty(n, np.int32)
+    front = Front(front_track, front_strip, front_top, front_bottom, front_cluster)
+    touches, near = np.empty(n, np.uint8), np.empty(n, np.int32)  # if the strip touches a track's rows; those tracks
     f, prior = view.f_px, settings.slope_prior
     for u in range(view.cols):
         size = _continuing(u, settings.link_gap_px, strips, front, size)

@@ -79,14 +79,6 @@ class Pixels(NamedTuple):
     filled: Any  # number of these rows that were not measured at this distance
 
 
-class Distance(NamedTuple):
-    """Distance of a strip."""
-
-    disparity_px: Any  # float32
-    near_px: Any  # float32, disparity of the near edge, a lower confidence bound
-    sigma_px: Any  # float32, standard deviation of disparity_px
-
-
 class StripList(NamedTuple):
     """Strips for kernels."""
 
@@ -100,7 +92,8 @@ def add_strip(pixels, distance, kind, column, settings, out):
     """Appends a strip. In a column that already has max_column_strips strips it extends the last one instead.
 
     The extended strip spans both and has the nearer of both distances, so that nothing is lost; counts.merged is
-    increased."""
+    increased.
+    distance: (disparity_px, near_px, sigma_px) of STRIP."""
     n = out.counts.strips
     top, bottom, filled = pixels.top, pixels.bottom, pixels.filled
     support = support_of(column, top, bottom, pixels.count)
@@ -118,8 +111,9 @@ def add_strip(pixels, distance, kind, column, settings, out):
     s.support += support
     s.kind = MERGED
     s.filled_rows += filled + between
-    s.disparity_px, s.near_px = max(s.disparity_px, distance.disparity_px), max(s.near_px, distance.near_px)
-    s.sigma_px = max(s.sigma_px, distance.sigma_px)
+    disparity_px, near_px, sigma_px = distance
+    s.disparity_px, s.near_px = max(s.disparity_px, disparity_px), max(s.near_px, near_px)
+    s.sigma_px = max(s.sigma_px, sigma_px)
     out.counts.merged += 1
 
 
@@ -174,4 +168,4 @@ def emit(pixels, rough, kind, column, settings, out):
     sigma = mean_noise(sigma_d, count, settings.noise_alike_px if kind == SMOOTH else 1.0)
     # a lower confidence bound, so that a few stray pixels in front of a wall do not move its plane
     near = np.float32(max(settings.near_edge_share * d, near - settings.band_sigmas * sigma))
-    add_strip(pixels, Distance(d, near, np.float32(sigma)), kind, column, settings, out)
+    add_strip(pixels, (d, near, np.float32(sigma)), kind, column, settings, out)

@@ -30,11 +30,14 @@ _BORDER_POINTS = 32
 """Number of parts of each side of the image; the extent of the view is determined from their ends."""
 _MAX_ELEVATION_DEG = 74.0
 """Steeper rays are unknown."""
+_LIMIT = math.tan(math.radians(_MAX_ELEVATION_DEG))
+"""Tangent of the greatest elevation and azimuth."""
 
 
-def disparity_lsb_per_px(info: CameraInfo, f_px: float) -> float:
+@inner
+def disparity_lsb_per_px(min_range_m, f_px):
     """Returns the steps of quantised disparity per pixel of disparity in a view of focal length f_px."""
-    return min(_MOST_LSB_PER_PX, _MAX_CODE * 0.5 * max(info.min_range_m, _LEAST_RANGE_M) / f_px)
+    return min(_MOST_LSB_PER_PX, _MAX_CODE * 0.5 * max(min_range_m, _LEAST_RANGE_M) / f_px)
 
 
 SOURCE = record(
@@ -91,15 +94,12 @@ class ViewGeometry(NamedTuple):
 
 
 @inner
-def window_of_border(R, k, width, height, limit):
+def window_of_border(R, k, width, height):
     """Returns the least and greatest y/x, and the least and greatest z/x, of the border of the image in level_cam.
 
-    The border lies half a pixel beyond the outermost pixel centres. A ray that points backwards counts as +-limit.
-
-    Args:
-        width: columns of the image.
-        height: rows of the image.
-        limit: greatest magnitude of the results."""
+    The border lies half a pixel beyond the outermost pixel centres. A ray that points backwards counts as +-_LIMIT.
+    width, height: of the image."""
+    limit = _LIMIT
     low_y, high_y, low_z, high_z = limit, -limit, limit, -limit
     for i in range(_BORDER_POINTS + 1):
         along_u = -0.5 + width * (i / _BORDER_POINTS)
@@ -151,36 +151,16 @@ def view_geometry(info: CameraInfo, R_level_optical: Rotation, params: Params) -
     The focal length is that of the source, unless the view would have more than `max_view_ratio` cells per source
     pixel. The view `is_empty` if no pixel is left, for example for a steep camera with a principal point outside of
     the image."""
-    k = info.intrinsics
-    limit = math.tan(math.radians(_MAX_ELEVATION_DEG))
-    camera = np.array([k.fx, k.fy, k.cx, k.cy])
-    cols, rows, f_px, cu, cv, edges, middles, lateral, H = levelled_geometry(
-        np.ascontiguousarray(R_level_optical), camera, k.width, k.height, limit, params.max_view_ratio
-    )
-    return ViewGeometry(
-        cols=cols,
-        rows=rows,
-        f_px=f_px,
-        cu=cu,
-        cv=cv,
-        lsb_per_px=disparity_lsb_per_px(info, f_px),
-        tan_edge=edges,
-        tan_mid=middles,
-        lateral=lateral,
-        H=H,
-    )
+    k, R = info.intrinsics, np.ascontiguousarray(R_level_optical)
+    camera, size = np.array([k.fx, k.fy, k.cx, k.cy]), (k.width, k.height)
+    return levelled_geometry(R, camera, size, params.max_view_ratio, float(info.min_range_m))
 
 
 @kernel
-def levelled_geometry(R, k, width, height, limit, ratio):
-    """Returns (cols, rows, f_px, cu, cv, tan_edge, tan_mid, lateral, H) of ViewGeometry.
-
-    Args:
-        width: columns of the source.
-        height: rows of the source.
-        limit: tangent of the greatest elevation and azimuth.
-        ratio: greatest number of cells per source pixel."""
-    left, right, up, down = window_of_border(R, k, width, height, limit)
+def levelled_geometry(R, k, size, ratio, min_range_m):
+    """Returns the ViewGeometry of a camera. size: (width, height) of the source; ratio: max_view_ratio."""
+    width, height = size
+    left, right, up, down = window_of_border(R, k, width, height)
     f_px = min(k[0], k[1])
     cells = (right - left) * (down - up) * f_px * f_px
     f_px *= math.sqrt(min(1.0, ratio * width * height / max(cells, 1.0)))
@@ -189,7 +169,8 @@ def levelled_geometry(R, k, width, height, limit, ratio):
     cols, rows = max(cols, 0), max(rows, 0)
     edges, middles, H = np.empty(rows + 1, np.float32), np.empty(rows, np.float32), np.empty((3, 3))
     fill_view(R, k, f_px, cu, cv, edges, middles, H)
-    return cols, rows, f_px, cu, cv, edges, middles, np.ones(rows, np.float32), H
+    lsb_per_px = disparity_lsb_per_px(min_range_m, f_px)
+    return ViewGeometry(cols, rows, f_px, cu, cv, lsb_per_px, edges, middles, np.ones(rows, np.float32), H)
 
 
 @inner

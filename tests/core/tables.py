@@ -11,13 +11,9 @@ from core.stages import segments as tracks
 from core.stages import strips as s
 from core.stages.openings import OpeningMasks
 from core.stages.settings import view_settings
-from core.stages.strip_search import strip_tables
 from core.types import Prism
 
 from .columns import F, view
-
-SCRATCH = strip_tables(100, 100)
-"""Kept from table to table, as from frame to frame: what one leaves in it must not matter to the next."""
 
 CLOSED = OpeningMasks(
     np.zeros((12, 40, 40), np.uint8), 0.5 * 1.42 ** (np.arange(1, 12) - 0.5), F / 4, F / 4, 20.0, 20.0
@@ -74,7 +70,7 @@ class Strips:
 
     def cluster(self, ws: float = 2.0, hs: float = 1.0) -> int:
         """join_near; returns the number of clusters."""
-        return clusters.join_near(self.strips, self.n, ws, hs, SCRATCH.clusters)
+        return clusters.join_near(self.strips, self.n, ws, hs)
 
     def track(
         self,
@@ -85,9 +81,9 @@ class Strips:
     ) -> int:
         """grow; returns the number of tracks, which are in `tracks`."""
         p = Params(height_step_m=hs, line_tolerance_m=line_m, link_gap_px=link)
-        self.tracks, front = np.zeros(self.n + 1, tracks.TRACK), tracks.front_buffers(self.n)
+        self.tracks = np.zeros(self.n + 1, tracks.TRACK)
         settings = view_settings(self.view, 0.001, p)[0]
-        return tracks.grow(self.strips, self.view, self.columns, settings, masks, self.tracks, front)
+        return tracks.grow(self.strips, self.view, self.columns, settings, masks, self.tracks)
 
     @property
     def cluster_of(self) -> np.ndarray:

@@ -12,6 +12,7 @@ from core.stages import strips as s
 from core.stages import support
 from core.stages.columns import extract_strips
 from core.stages.density import bin_table
+from core.stages.ground_fit import GroundPlane
 from core.stages.ground_threshold import GroundThreshold
 from core.stages.settings import view_settings
 
@@ -19,6 +20,7 @@ from .columns import QUANTUM, F, code, view
 
 pytestmark = pytest.mark.nojit
 COLS, ROWS = 12, 120
+NOWHERE = GroundPlane(np.inf, 0.0, 0.0)
 
 
 def search_of(codes: np.ndarray, p: Params, limit: float = np.inf) -> tuple[Any, ...]:
@@ -29,7 +31,7 @@ def search_of(codes: np.ndarray, p: Params, limit: float = np.inf) -> tuple[Any,
     strips = np.zeros(len(codes) * p.max_column_strips, s.STRIP)
     strips["disparity_px"] = np.nan
     zero = np.float32(0.0)
-    ground = GroundThreshold(zero, zero, zero, zero, np.float32(limit), np.zeros(g.cols, np.float32))
+    ground = GroundThreshold(zero, zero, zero, zero, np.float32(limit), np.zeros(g.cols, np.float32), NOWHERE)
     return codes, ground, g, bin_table(F, QUANTUM, sigma, p), view_settings(g, 0.0015, p), strips
 
 

@@ -12,7 +12,7 @@ from core.stages import gap_filling as fill
 from core.stages import strips as s
 from core.stages.settings import view_settings
 
-from .tables import SCRATCH, Strips
+from .tables import Strips
 
 pytestmark = pytest.mark.nojit
 P = Params()
@@ -23,7 +23,7 @@ X = 5.0
 def filled(t: Strips, hs: float = 1.0, ws: float = 2.0) -> int:
     """fill_columns; returns how many slits were filled."""
     settings = view_settings(t.view, 0.001, replace(P, passable_height_m=hs, passable_width_m=ws))[0]
-    return fill.fill_columns(t.strips, int(t.cluster_of.max()) + 1, t.view, t.columns, settings, SCRATCH.gaps)
+    return fill.fill_columns(t.strips, int(t.cluster_of.max()) + 1, t.columns, settings)
 
 
 def alive(t: Strips) -> list[tuple[int, int, int]]:

@@ -17,12 +17,12 @@ from core.stages.ground import (
     GroundCamera,
     GroundSamples,
     find_ground,
-    ground_search,
     ground_settings,
     height_bins,
     vote,
 )
-from core.stages.ground_threshold import drop_ground_noise, ground_limit, ground_noise_test, ground_threshold
+from core.stages.ground_threshold import drop_ground_noise, ground_limit, ground_threshold
+from core.stages.settings import view_settings
 from core.stages.view_geometry import view_geometry
 from core.types import FAR_MM, CameraInfo, FreeEnd, Ground, Intrinsics
 from drivers.simulation.source import camera_info
@@ -49,7 +49,7 @@ def ground_image(
 def find(
     depth: np.ndarray, info: CameraInfo, R: np.ndarray, ke: float = 0.0015, seed: float = math.nan, p: Params = P
 ) -> Ground:
-    return find_ground(marks_of(depth, info, ke), info, R, ke, seed, ground_search(p))
+    return find_ground(marks_of(depth, info, ke), info, R, ke, seed, p, np.zeros(p.ground_max_samples, POINT))
 
 
 @pytest.mark.parametrize(("pitch", "roll"), [(0.0, 0.0), (-0.5, 0.0), (0.2, 0.0), (-0.2, 0.5), (-0.17, -0.17)])
@@ -329,8 +329,9 @@ def test_what_stands_out_of_the_grounds_noise_against_its_definition(height: flo
         for strip in strips
     ]
     kept = strips[want].copy()
-    test = ground_noise_test(ground, g, ke, P)[0]
-    n = drop_ground_noise(strips, 40, codes, tan_mid, shift, test, np.zeros(40, np.uint8))
+    view, settings = g._replace(tan_mid=tan_mid), view_settings(g, ke, P)[0]
+    threshold = ground_threshold(ground, view, ke, P)._replace(shift=shift)
+    n = drop_ground_noise(strips, 40, codes, view, threshold, settings, np.zeros(40, np.uint8))
     np.testing.assert_array_equal(strips[:n], kept)
 
 

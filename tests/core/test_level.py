@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from core.params import Params
-from core.stages.level import fill_level, level_nearest
+from core.stages.level import level_into, level_nearest
 from core.stages.pooling import pool_columns
 from core.stages.view_geometry import (
     ViewGeometry,
@@ -39,7 +39,8 @@ def random_marks(rng: np.random.Generator) -> np.ndarray:
 def levelled(marks: np.ndarray, info: CameraInfo, R: np.ndarray) -> tuple[np.ndarray, np.ndarray, ViewGeometry]:
     g = view_geometry(info, R, P)
     out, picked = np.full((g.cols, g.rows), 7, np.uint16), np.ones(marks.size, np.uint8)
-    fill_level(marks, info, R, g, out, picked)
+    k = info.intrinsics
+    level_into(marks, np.ascontiguousarray(R), np.array([k.fx, k.fy, k.cx, k.cy]), g, out, picked)
     return out, picked.reshape(marks.shape), g
 
 

@@ -67,9 +67,8 @@ def merge(
     tables = pl.PlaneTables(planes, np.arange(n, dtype=np.int32), np.arange(len(planes), dtype=np.int32))
     settings = view_settings(view(), 0.0005, p)[0]
     seen = evidence.Evidence(grid_of(rows) if grid is None else grid, *FRAME)
-    buffers = mg.merge_buffers(len(planes), p.merge_partners)
     cover = evidence.Cover(seen, masks, np.zeros(seen.nearest.shape[1] + 2, np.int32))
-    mg.join_planes(n, len(planes), tables, settings, cover, buffers)
+    mg.join_planes(n, tables, settings, cover)
     alive = pl.compact_planes(n, n, tables)
     assert set(tables.plane_of.tolist()) == set(range(alive))
     assert planes["support"][:alive].sum() == 1000 * n
@@ -180,13 +179,13 @@ def test_evidence_is_the_nearest_strip_of_a_cell() -> None:
     t.build()
     t.strips["kind"][2] = ROUGH
     t.strips["support"][3] = 0
-    grid = np.full((8, 13), 9.0, np.float32)
-    evidence.find_evidence(t.strips, t.n, t.view, image_of(60), grid)
+    grid = evidence.find_evidence(t.strips, t.n, t.view, image_of(60)).nearest
+    assert grid.shape == (8, 13)
     assert grid[1, 2:6] == pytest.approx([0.25] * 4)
     assert grid[2, 0] == pytest.approx(1 / 5.0), "a rough strip is evidence as if it were 0.2 m nearer"
     assert np.count_nonzero(grid) == 5
     # the last cells reach beyond the image; a smaller image leaves cells without a measurement
-    evidence.find_evidence(t.strips, t.n, t.view, image_of(40), grid)
+    grid = evidence.find_evidence(t.strips, t.n, t.view, image_of(40)).nearest
     assert (grid[5:, :] > 1e3).all()
     assert (grid[:5, :12] < 1.0).all()
 
@@ -225,7 +224,8 @@ def test_what_a_joined_plane_covers_against_trying_every_square(seed: int, gap: 
 @given(SEED, st.integers(1, 200), st.sampled_from([1.0, 2e-3, 0.0]))
 def test_the_cheapest_pair_comes_first_also_of_what_was_put_in_later(seed: int, n: int, spread: float) -> None:
     rng = np.random.default_rng(seed)
-    queue = pq.queue_buffers(n)
+    lists, heap = np.zeros(pq.STEPS, np.int32), np.zeros(n, np.int32)
+    queue = pq.Queue(np.zeros(n, pq.ENTRY), lists, heap, np.zeros(1, pq.QUEUE_STATE))
     entries = queue.entries
     entries["cost"], entries["first"] = rng.integers(0, 9, n) / 9.0 * spread, rng.integers(0, 50, n)
     entries["second"] = np.arange(n)

@@ -22,8 +22,6 @@ from core.stages.open_blocks import (
     PARTLY,
     SMOOTH,
     TEXTURED,
-    BlockRows,
-    ForwardRows,
     MarkedView,
     level_marks,
     sort_blocks,
@@ -86,8 +84,7 @@ def marked_view(depth: Codes, codes: Codes, view: ViewGeometry) -> MarkedView:
     """The result of the kernel."""
     shape = codes.shape
     out = MarkedView(np.empty(shape, np.uint16), np.empty(shape, np.uint16), np.empty(shape, np.uint8))
-    scratch = ForwardRows(np.empty(shape[1], np.float32), np.empty(shape[1], np.uint32))
-    level_marks(depth.ravel(), depth.shape, codes, view.H, CLEAR_M, view.f_px * view.lsb_per_px, scratch, out)
+    level_marks(depth.ravel(), depth.shape, codes, view.H, CLEAR_M, view.f_px * view.lsb_per_px, out)
     return out
 
 
@@ -154,8 +151,7 @@ def test_marks_and_blocks_are_those_of_each_cell(seed: int) -> None:
 
     shape = -(-cols // BLOCK), -(-rows // BLOCK)
     kind, near = np.empty(shape, np.uint8), np.empty(shape, np.float32)
-    scratch = BlockRows(np.empty(rows, np.uint8), np.empty(rows, np.uint8), np.empty(rows, np.uint16))
-    sort_blocks(marked, gain, scratch, kind, near)
+    sort_blocks(marked, gain, kind, near)
     for j in range(shape[0]):
         for i in range(shape[1]):
             among = np.s_[j * BLOCK : (j + 1) * BLOCK : 2, i * BLOCK : (i + 1) * BLOCK : 2]

@@ -50,12 +50,9 @@ class Measured:
         pl.measure_planes(self.t.list, self.t.view, settings, self.count, self.tables)
 
     def split(self, params: Params = P) -> int:
-        """measure_excess, outlier_limits, split_outliers; number of new planes."""
+        """split_outliers; number of new planes."""
         before, t, settings = self.count, self.t, view_settings(self.t.view, 0.001, params)[0]
-        b = standouts.outlier_buffers(t.n, len(self.planes))
-        standouts.measure_excess(t.list, t.view, settings, before, self.tables, b)
-        standouts.outlier_limits(before, self.planes, settings, b)
-        self.count = standouts.split_outliers(t.list, t.view, settings, before, before, self.tables, b)
+        self.count = standouts.split_outliers(t.list, t.view, settings, before, before, self.tables)
         self.measure()
         return self.count - before
 

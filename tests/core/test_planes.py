@@ -263,7 +263,7 @@ POCKET = {"passable_width_m": 2.0, "pocket_behind_m": 0.3}
 
 def pockets(*rows: tuple[float, ...], masks: OpeningMasks = CLOSED) -> np.ndarray:
     planes = plane_table(*rows)
-    return planes[: refine.close_concavities(len(rows), len(planes), planes, plain(**POCKET), masks)]
+    return planes[: refine.close_concavities(len(rows), planes, plain(**POCKET), masks)]
 
 
 def test_a_notch_narrower_than_the_vehicle_is_spanned_and_marked_inferred() -> None:
@@ -291,13 +291,13 @@ def test_wide_seen_through_and_covered_gaps_are_not_spanned() -> None:
 def test_planes_that_meet_leave_no_gap(gap_m: float) -> None:
     """A chord without width has no line."""
     planes = plane_table((6.0, -3.0, 6.0, 0.0, -1, 1), (6.0, gap_m, 6.0, 3.0, -1, 1))
-    assert refine.close_concavities(2, len(planes), planes, plain(**POCKET), CLOSED) == 2
+    assert refine.close_concavities(2, planes, plain(**POCKET), CLOSED) == 2
 
 
 def test_pockets_never_write_past_their_table() -> None:
     rows = [(6.0, -3.0, 6.0, -0.7, -1, 1), (6.0, 0.7, 6.0, 3.0, -1, 1)]
     planes = plane_table(*rows, room=0)
-    assert refine.close_concavities(2, 2, planes, plain(**POCKET), CLOSED) == 2
+    assert refine.close_concavities(2, planes, plain(**POCKET), CLOSED) == 2
 
 
 def test_what_one_nearer_plane_hides_wholly_is_dropped_and_only_that() -> None:

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from core.stages import row_mask as px
 from core.stages.density import Peaks
+from core.stages.ground_fit import GroundPlane
 from core.stages.ground_threshold import GroundThreshold
 
 from . import naive
@@ -22,7 +23,8 @@ def threshold_of(rng: np.random.Generator, cols: int) -> GroundThreshold:
     """A threshold whose tolerance is at each of its limits for a part of the codes."""
     height, least, cap = rng.uniform(0.001, 0.003), rng.uniform(1e-4, 3e-4), rng.uniform(3e-4, 1e-3)
     values = (height, least, cap, rng.uniform(0.0, 0.1), rng.uniform(-0.3, 0.1))
-    return GroundThreshold(*(np.float32(v) for v in values), shift=rng.uniform(-0.2, 0.2, cols).astype(np.float32))
+    shift = rng.uniform(-0.2, 0.2, cols).astype(np.float32)
+    return GroundThreshold(*(np.float32(v) for v in values), shift=shift, plane=GroundPlane(2.0, 0.0, 0.0))
 
 
 @given(SEED, st.sampled_from([8, 13, 50]))

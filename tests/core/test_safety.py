@@ -402,7 +402,7 @@ def test_a_frame_with_a_plane_that_is_not_finite_is_invalid_and_changes_no_state
 ) -> None:
     def spoilt(*args: Any) -> int:
         count = shape_planes(*args)
-        args[-1].tables.planes[name][count - 1] = np.nan
+        args[-1][name][count - 1] = np.nan
         return count
 
     ex, state = Extractor(Params()), ExtractorState(ground_height_m=1.5, ke_per_m=0.003)

@@ -38,7 +38,7 @@ def view_geometry_paper(info: CameraInfo, R_level_optical: Rotation, params: Pap
         f_px=k.fy,
         cu=k.cx,
         cv=k.cy,
-        lsb_per_px=disparity_lsb_per_px(info, k.fy),
+        lsb_per_px=disparity_lsb_per_px(info.min_range_m, k.fy),
         tan_edge=edges,
         tan_mid=np.float32(0.5) * (edges[1:] + edges[:-1]),
         lateral=lateral.astype(np.float32),
