@@ -123,7 +123,7 @@ def draw_ground(figure: Any, frame: Rendered, calls: Calls, extractor: Extractor
     a, b = figure.subplots(1, 2)
     a.imshow(rgb)
     bare(a, "brown: ground, removed before strips are searched")
-    points = found.after[-1].points
+    points = found.after[-1]
     points = points[(points["per_height"] > 0) & (np.abs(points["y"]) < 3.0)][::2]
     b.plot(points["x"], -points["z"], ".", ms=1.2, color="#4a6f96")
     x = np.linspace(0.5, 20.0, 100)

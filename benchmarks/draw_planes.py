@@ -59,7 +59,7 @@ def draw_clusters(figure: Any, frame: Rendered, calls: Calls, model: FrameModel)
 def draw_gaps(figure: Any, frame: Rendered, calls: Calls, model: FrameModel) -> None:
     """What was filled: low gaps, then slits."""
     before, after = calls.of("fill_columns").before, calls.of("fill_columns").after
-    n = int(before[3][before[2].cols])
+    n = int(before[2][-1])
     blue = np.tile(np.array((120, 150, 185), np.uint8), (n, 1))
     seen = painted(calls, before[0][:n], blue, ground=False)
     alive = after[0][:n][after[0]["support"][:n] > 0]
@@ -123,10 +123,10 @@ def draw_merge(figure: Any, frame: Rendered, calls: Calls, model: FrameModel) ->
     """Planes before and after the merge."""
     call = calls.of("join_planes")
     count = call.before[0]
-    after = call.after[2].planes[:count]
+    after = call.after[1].planes[:count]
     after = after[after["support"] >= 0]
     a, b = figure.subplots(1, 2)
-    _rectangles(a, calls, frame, call.before[2].planes[:count], f"{count} pieces")
+    _rectangles(a, calls, frame, call.before[1].planes[:count], f"{count} pieces")
     _rectangles(b, calls, frame, after, f"merged: {len(after)} planes")
 
 
