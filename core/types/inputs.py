@@ -95,19 +95,23 @@ MOST_BIAS_PER_M: Final = 0.3
 
 @dataclass(frozen=True, slots=True)
 class CameraInfo:
-    """Constants of one camera."""
+    """Constants of one camera.
+
+    Attributes:
+        min_range_m, max_range_m: limits of the measured distance.
+        ke_per_m: initial value of the noise coefficient, sigma_Z = ke * Z^2.
+        bias_per_m: assumed greatest error that all depths of the camera share, over Z^2: of its calibration. No frame shows
+            it, so it is part of each margin. For an error e of the disparity in pixels, bias_per_m = e / (f B).
+        marks_smooth: the driver writes TEXTURELESS_MM, BEYOND_MM and GREATEST_MARK_MM. Otherwise these values are raw
+            depths of unknown pixels, and no evidence of open space."""
 
     camera: str
     intrinsics: Intrinsics
     mount: CameraMount = CameraMount()
-    min_range_m: float = 0.3  # min_range_m, max_range_m: limits of the measured distance
+    min_range_m: float = 0.3
     max_range_m: float = 20.0
-    ke_per_m: float = 0.005  # initial value of the noise coefficient, sigma_Z = ke * Z^2
-    # the driver writes TEXTURELESS_MM, BEYOND_MM and GREATEST_MARK_MM. Otherwise these values are raw depths of unknown
-    # pixels, and no evidence of open space.
+    ke_per_m: float = 0.005
     marks_smooth: bool = False
-    # assumed greatest error that all depths of the camera share, over Z^2: of its calibration. No frame shows it, so it
-    # is part of each margin. For an error e of the disparity in pixels, bias_per_m = e / (f B).
     bias_per_m: float = 0.0
 
     @property
@@ -130,14 +134,18 @@ class CameraInfo:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class DepthFrame:
-    """One depth image."""
+    """One depth image.
+
+    Attributes:
+        depth_mm: (H, W) uint16, distance Z along the optical axis. UNKNOWN_MM and SATURATED_MM: not measured; FAR_MM:
+            free up to the maximum of the camera.
+        t_exposure_ns: middle of the exposure.
+        t_arrival_ns: when the host received the image."""
 
     camera: str
     sequence: int
-    t_exposure_ns: int  # middle of the exposure
-    t_arrival_ns: int  # when the host received the image
-    # (H, W) uint16, distance Z along the optical axis. UNKNOWN_MM and SATURATED_MM: not measured; FAR_MM: free up to
-    # the maximum of the camera.
+    t_exposure_ns: int
+    t_arrival_ns: int
     depth_mm: NDArray[np.uint16]
 
     def __post_init__(self) -> None:

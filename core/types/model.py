@@ -57,40 +57,53 @@ class FreeEnd(IntEnum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Ground:
-    """The horizontal surface under the camera."""
+    """The horizontal surface under the camera.
 
-    seen: bool  # False: no ground was found, and none is assumed
-    # height of the camera above the ground, positive; equal to z of the ground in level_cam below the camera
+    Attributes:
+        seen: False: no ground was found, and none is assumed.
+        height_m: height of the camera above the ground, positive; equal to z of the ground in level_cam below the
+            camera.
+        slope_x, slope_y: dz/dx and dz/dy of the fitted plane.
+        share: share of the measured pixels that belong to it.
+        blind_beyond_m: forward distance beyond which the noise hides an obstacle of the minimum height on the ground;
+            inf: at no distance.
+        noise_per_m: noise of the ground's height per metre of horizontal range, in metres. A point above it by less
+            than this belongs to the ground.
+        tolerance_m: space above the ground by less than this is never free, at any range.
+        seen_from_m, seen_to_m: for each direction of the FreeProfile, the horizontal ranges between which the ground
+            was measured, up to blind_beyond_m. to <= from: not measured in this direction; empty: in none."""
+
+    seen: bool
     height_m: float = math.nan
-    slope_x: float = 0.0  # slope_x, slope_y: dz/dx and dz/dy of the fitted plane
+    slope_x: float = 0.0
     slope_y: float = 0.0
-    share: float = 0.0  # share of the measured pixels that belong to it
-    # forward distance beyond which the noise hides an obstacle of the minimum height on the ground; inf: at no distance
+    share: float = 0.0
     blind_beyond_m: float = math.inf
-    tolerance_m: float = 0.0  # space above the ground by less than this is never free, at any range
-    # noise of the ground's height per metre of horizontal range, in metres. A point above it by less than this belongs
-    # to the ground.
+    tolerance_m: float = 0.0
     noise_per_m: float = 0.0
-    # seen_from_m, seen_to_m: for each direction of the FreeProfile, the horizontal ranges between which the ground was
-    # measured, up to blind_beyond_m. to <= from: not measured in this direction; empty: in none.
     seen_from_m: tuple[float, ...] = ()
     seen_to_m: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class FreeProfile:
-    """Observed free space for each direction and layer of height, in level_cam."""
+    """Observed free space for each direction and layer of height, in level_cam.
 
-    azimuth_edges_rad: NDArray[np.float32]  # (D + 1,), increasing, clockwise from above
-    layer_edges_m: NDArray[np.float32]  # (L + 1,) float32 in z (down), increasing
-    # free_from_m, free_to_m: (D, L) float32 horizontal ranges between which the whole layer was observed to be free.
-    # free_to <= free_from: nothing is free.
+    Attributes:
+        azimuth_edges_rad: (D + 1,) float32, increasing, clockwise from above.
+        layer_edges_m: (L + 1,) float32 in z (down), increasing.
+        free_from_m, free_to_m: (D, L) float32 horizontal ranges between which the whole layer was observed to be
+            free. free_to <= free_from: nothing is free.
+        end: (D, L) uint8, FreeEnd of free_to_m.
+        open_from_dm, open_to_dm: (D, L) uint8 horizontal ranges in decimetres, rounded inwards, between which the
+            layer is free or open, that is, presumed free without a measurement (core/stages/open_space.py). Both are
+            0 if the open range is not longer than the free one."""
+
+    azimuth_edges_rad: NDArray[np.float32]
+    layer_edges_m: NDArray[np.float32]
     free_from_m: NDArray[np.float32]
     free_to_m: NDArray[np.float32]
-    end: NDArray[np.uint8]  # (D, L), FreeEnd of free_to_m
-    # open_from_dm, open_to_dm: (D, L) uint8 horizontal ranges in decimetres, rounded inwards, between which the layer
-    # is free or open, that is, presumed free without a measurement (core/stages/open_space.py). Both are 0 if the open
-    # range is not longer than the free one.
+    end: NDArray[np.uint8]
     open_from_dm: NDArray[np.uint8] = field(default_factory=lambda: NOTHING_OPEN)
     open_to_dm: NDArray[np.uint8] = field(default_factory=lambda: NOTHING_OPEN)
 
@@ -124,16 +137,21 @@ class FreeProfile:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Prism:
-    """One layer of one obstacle: its outline between two heights."""
+    """One layer of one obstacle: its outline between two heights.
+
+    Attributes:
+        vertices_m: (M, 2) float32 x, y. Seen from above, free space is on the right on the way from each vertex to
+            the next.
+        closed: the last vertex is connected to the first.
+        plane: (M - 1,) int32, or (M,) if closed: the plane of each edge."""
 
     cluster: int
     top_m: float
     bottom_m: float
-    closed: bool  # the last vertex is connected to the first
+    closed: bool
     margin_m: float
-    # (M, 2) float32 x, y. Seen from above, free space is on the right on the way from each vertex to the next.
     vertices_m: NDArray[np.float32]
-    plane: NDArray[np.int32]  # (M - 1,), or (M,) if closed: the plane of each edge
+    plane: NDArray[np.int32]
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "vertices_m", readonly(self.vertices_m, np.float32, (None, 2), "vertices_m"))
@@ -182,22 +200,30 @@ class StripTable:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class FrameModel:
-    """The result of one depth frame, in level_cam."""
+    """The result of one depth frame, in level_cam.
 
-    valid: bool  # False: the model contains no information, and no space may be taken as free
+    Attributes:
+        valid: False: the model contains no information, and no space may be taken as free.
+        planes: (N, 6) float32 a_x, a_y, b_x, b_y, top, bottom in metres, top < bottom (z down). Free space is on the
+            right of a -> b seen from above.
+        support_px: (N,) int32, number of different source pixels.
+        margin_m: (N,) float32, to be subtracted from the free space in front of the plane.
+        flags: (N,) uint8 PlaneFlags.
+        cluster: (N,) int32.
+        ke_per_m: noise coefficient in use, sigma_Z = ke * Z^2."""
+
+    valid: bool
     cause: InvalidCause
-    # (N, 6) float32 a_x, a_y, b_x, b_y, top, bottom in metres, top < bottom (z down). Free space is on the right of a
-    # -> b seen from above.
     planes: NDArray[np.float32]
-    support_px: NDArray[np.int32]  # (N,), number of different source pixels
-    margin_m: NDArray[np.float32]  # (N,), to be subtracted from the free space in front of the plane
-    flags: NDArray[np.uint8]  # (N,) uint8 PlaneFlags
-    cluster: NDArray[np.int32]  # (N,)
+    support_px: NDArray[np.int32]
+    margin_m: NDArray[np.float32]
+    flags: NDArray[np.uint8]
+    cluster: NDArray[np.int32]
     prisms: Sequence[Prism]
     free: FreeProfile
     ground: Ground
     stats: FrameStats
-    ke_per_m: float  # noise coefficient in use, sigma_Z = ke * Z^2
+    ke_per_m: float
     strips: StripTable | None = field(default=None)
 
     def __post_init__(self) -> None:
@@ -214,14 +240,19 @@ class FrameModel:
 
 @dataclass(frozen=True, slots=True)
 class ExtractorState:
-    """State passed to the next frame. nan: not known yet."""
+    """State passed to the next frame. nan: not known yet.
+
+    Attributes:
+        ke_per_m: noise coefficient in use.
+        still_ke_per_m: noise coefficient measured over time, from frames between which the camera did not move.
+        samples_mm: sampled pixels of an earlier frame, little-endian uint16 millimetres; b"": none.
+        samples_age: number of frames since then, see `temporal_noise`.
+        edge_ramps, edge_steps: weighted shares of edges that are smeared and that are not, see `observe_edges`."""
 
     ground_height_m: float = math.nan
-    ke_per_m: float = math.nan  # noise coefficient in use
-    # noise coefficient measured over time, from frames between which the camera did not move
+    ke_per_m: float = math.nan
     still_ke_per_m: float = math.nan
-    samples_mm: bytes = b""  # sampled pixels of an earlier frame, little-endian uint16 millimetres; b"": none
-    samples_age: int = 0  # number of frames since then, see `temporal_noise`
-    # edge_ramps, edge_steps: weighted shares of edges that are smeared and that are not, see `observe_edges`
+    samples_mm: bytes = b""
+    samples_age: int = 0
     edge_ramps: float = 0.0
     edge_steps: float = 0.0
