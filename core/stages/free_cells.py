@@ -143,7 +143,7 @@ class Sampled(NamedTuple):
         in_source: (first, last) row, see `free_geometry.common_source_rows`.
         samples: Samples of the columns that have their middle in the direction.
         dark: DarkColumns of the columns that overlap the direction.
-        holes, near_holes: (blocks,) uint8, `own` and `widened` of `free_holes.join_holes`, of the columns of `dark`."""
+        holes, near_holes: (rows,) uint8, `own` and `beside` of `free_holes.join_holes`, of the columns of `dark`."""
 
     codes: Any
     in_source: Any

@@ -1,7 +1,7 @@
 """Holes of the levelled view: squares of unknown cells that are large enough to hide an object.
 
-Input: the number of unknown cells of each block of the exact view. Output: for each column and block of rows the sides of the unknown squares
-that contain it. Used by free_space.py.
+Input: the exact view and the number of unknown cells of each of its blocks. Output: for each row of a direction the sides of the unknown
+squares that contain a cell of it or connect with one. Used by free_space.py.
 
 What is nearer than the minimum range, and a surface without texture, leaves a hole in the image and no plane. The share
 of unknown cells of a ring does not show it: a part of the hole that is small for the ring may be the edge of something
@@ -16,13 +16,17 @@ import numpy as np
 
 from ..jit import inner, inner_inline, kernel
 from .free_cells import DARK_ROWS
+from .view_geometry import Q_UNKNOWN
 
 LEAST_SIDE = DARK_ROWS
 """Side of the smallest squares, cells. Their rows are those of a block, so a hole of 2 LEAST_SIDE - 1 rows is always found."""
 _SIDES = 4
 """Number of sides: LEAST_SIDE times powers of two."""
-_EDGE_CELLS = 3
+_SIDE_CELLS = 3
 """Unknown cells of a block of a column that make it part of the hole in a block beside it."""
+_EDGE_ROWS = 2 * LEAST_SIDE - 1
+"""Greatest number of rows by which a hole extends above and below its squares: they begin and end with a block, and those of a round
+hole do not reach its highest and lowest cells."""
 _EACH = np.uint8(0xFF)
 """All bits."""
 _BEYOND = LEAST_SIDE << (_SIDES - 1)
@@ -85,23 +89,6 @@ def find_holes(unknown):
 
 
 @inner
-def add_edges(unknown, holes):
-    """Adds to each hole the blocks at its upper and lower edge of which at least 3 cells are unknown: the edge of a hole is known to a
-    cell, and the blocks of a layer to DARK_ROWS of them.
-
-    Args:
-        unknown: (cols, blocks) uint8 of `unknown_of_blocks`.
-        holes: (cols, blocks) uint8 of `find_holes`, in and out."""
-    last = holes.shape[1] - 1
-    for u in range(holes.shape[0]):
-        column, counts, above = holes[u], unknown[u], np.uint8(0)
-        for b in range(last + 1):
-            here, below = column[b], column[b + 1] if b < last else np.uint8(0)
-            column[b] = here | above | below if counts[b] >= _EDGE_CELLS else here
-            above = here
-
-
-@inner
 def add_sides(unknown, holes):
     """Extends each hole along its rows over blocks of which at least 3 cells are unknown: at the sides of a round hole the columns are
     lower than the squares that it contains.
@@ -118,9 +105,9 @@ def add_sides(unknown, holes):
 
 @inner_inline
 def extend_column(beside, counts, column):
-    """Adds the holes of the column beside to a column, where at least _EDGE_CELLS of a block's cells are unknown."""
+    """Adds the holes of the column beside to a column, where at least _SIDE_CELLS of a block's cells are unknown."""
     for b in range(len(column)):
-        column[b] |= beside[b] if counts[b] >= _EDGE_CELLS else np.uint8(0)
+        column[b] |= beside[b] if counts[b] >= _SIDE_CELLS else np.uint8(0)
 
 
 @inner_inline
@@ -138,38 +125,63 @@ def add_marks(marks, bits, out):
 
 
 @inner
-def join_holes(holes, columns, own, widened):
+def join_holes(codes, holes, columns, own, beside):
     """Joins the holes of the columns of (first, end).
 
     Args:
-        holes: (cols, blocks) uint8 of `find_holes`.
+        codes: (cols, rows) uint16 of the view.
+        holes: (cols, blocks) uint8 of `find_holes` and `add_sides`.
         columns: (first, end).
-        own: (blocks,) uint8 out, the holes of these columns.
-        widened: (blocks,) uint8 out, the holes of a column more on either side and a block more above and below: the edge
-            of an object is known to one pixel, and a hole to the block that it fills."""
-    (u0, u1), last = columns, len(own) - 1
+        own: (rows,) uint8 out, the holes of these columns.
+        beside: (rows,) uint8 out, the holes of these columns and of one more on either side."""
+    u0, u1 = columns
     own[:] = 0
+    beside[:] = 0
     for u in range(u0, u1):
-        column = holes[u]
-        for b in range(last + 1):
-            own[b] |= column[b]
-    left, right = holes[max(u0 - 1, 0)], holes[min(u1, holes.shape[0] - 1)]
-    before = np.uint8(0)
+        add_rows(holes[u], codes[u], own)
+    add_marks(own, _EACH, beside)
+    for u in range(max(u0 - 1, 0), u0):
+        add_rows(holes[u], codes[u], beside)
+    for u in range(u1, min(u1 + 1, holes.shape[0])):
+        add_rows(holes[u], codes[u], beside)
+
+
+@inner
+def add_rows(column, codes, out):
+    """Adds the holes of a column to the rows of their blocks, and to the rows of the unknown cells that connect with them above and
+    below, at most _EDGE_ROWS.
+
+    Args:
+        column: (blocks,) uint8, the holes.
+        codes: (rows,) uint16 of the same column.
+        out: (rows,) uint8, in and out."""
+    rows, last = len(codes), len(column) - 1
     for b in range(last + 1):
-        here = own[b] | left[b] | right[b]
-        widened[b] = here | before
-        if b > 0:
-            widened[b - 1] |= here
-        before = here
+        here = column[b]
+        if here == 0:
+            continue
+        first, end = b * LEAST_SIDE, min((b + 1) * LEAST_SIDE, rows)
+        for v in range(first, end):
+            out[v] |= here
+        if b > 0 and here & ~column[b - 1]:
+            for v in range(first - 1, max(first - _EDGE_ROWS, 0) - 1, -1):
+                if codes[v] != Q_UNKNOWN:
+                    break
+                out[v] |= here
+        if b < last and here & ~column[b + 1]:
+            for v in range(end, min(end + _EDGE_ROWS, rows)):
+                if codes[v] != Q_UNKNOWN:
+                    break
+                out[v] |= here
 
 
 @inner
 def holds_hole(joined, v0, v1, least):
-    """True if the rows v0..v1, rounded outward to blocks, hold a hole of side LEAST_SIDE << least. joined: (blocks,) uint8 of
-    `join_holes`."""
+    """True if the rows v0..v1, as far as they lie in the view, hold a part of a hole of side LEAST_SIDE << least. joined: (rows,) uint8
+    of `join_holes`."""
     sides = np.uint8(0)
-    for b in range(v0 // LEAST_SIDE, min(v1 // LEAST_SIDE + 1, len(joined))):
-        sides |= joined[b]
+    for v in range(max(v0, 0), min(v1 + 1, len(joined))):
+        sides |= joined[v]
     return (sides >> least) & 1 != 0
 
 

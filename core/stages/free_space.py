@@ -38,7 +38,7 @@ from .free_cells import (
     unknown_of_blocks,
 )
 from .free_geometry import ProfileCell, common_source_rows, walk_settings
-from .free_holes import add_edges, add_sides, find_holes, join_holes
+from .free_holes import add_sides, find_holes, join_holes
 from .free_rings import Rings, blocking_codes, place_rings
 from .view_geometry import ViewGeometry
 
@@ -108,9 +108,8 @@ def walk_view(codes, view, image, grid, w):
     unknown = unknown_of_blocks(codes)
     dark = DarkColumns(np.empty(cols, np.int64), np.empty((cols, rows // DARK_ROWS + 1), np.int16))
     holes = find_holes(unknown)
-    add_edges(unknown, holes)
     add_sides(unknown, holes)
-    own_holes, near_holes = np.empty(holes.shape[1], np.uint8), np.empty(holes.shape[1], np.uint8)
+    own_holes, near_holes = np.empty(rows, np.uint8), np.empty(rows, np.uint8)
     cu, f_u, u1 = view.cu, view.f_px / np.float64(view.lateral[0]), 0
     for d in range(n):
         columns = columns_of_direction(u1, cols, cu, f_u, edges_t[d + 1] if d < n - 1 else np.inf)
@@ -118,7 +117,7 @@ def walk_view(codes, view, image, grid, w):
         look_at(codes, columns, w.block_rows, looked, samples)
         over = overlapping_columns(columns, cols, cu + f_u * edges_t[d], cu + f_u * edges_t[d + 1])
         k = count_dark_blocks(unknown, over, dark)
-        join_holes(holes, over, own_holes, near_holes)
+        join_holes(codes, holes, over, own_holes, near_holes)
         in_source = common_source_rows(view.H, columns, image, rows)
         of_direction = DarkColumns(dark.columns[:k], dark.blocks[:k])
         sampled = Sampled(codes, in_source, samples, of_direction, own_holes, near_holes)

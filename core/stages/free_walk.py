@@ -11,7 +11,7 @@ from ..jit import inner
 from ..types import FreeEnd
 from .free_cells import columns_hide, count_codes, samples_of
 from .free_geometry import least_optical_depth, part_at
-from .free_holes import holds_hole, side_index
+from .free_holes import LEAST_SIDE, holds_hole, side_index
 from .view_geometry import Q_FAR
 
 _NOT_SEEN, _OBSTACLE, _UNKNOWN, _VIEW, _RANGE = map(int, FreeEnd)
@@ -21,7 +21,8 @@ _NOT_SEEN, _OBSTACLE, _UNKNOWN, _VIEW, _RANGE = map(int, FreeEnd)
 def is_hidden(sampled, cell, part, before, w):
     """True if a hole in the rows of a part may hide an object between the distance `before` and that of the part.
 
-    Where some of this space may be too near to be measured, any hole counts, elsewhere one of the size of profile_blank_m.
+    Where some of this space may be too near to be measured, any hole counts, also one a column or LEAST_SIDE rows beside the part;
+    elsewhere one of the size of profile_blank_m.
 
     Args:
         sampled: Sampled of the direction.
@@ -30,7 +31,7 @@ def is_hidden(sampled, cell, part, before, w):
         before: distance from which on the ring would make the layer free, m.
         w: a record of WALK_SETTINGS."""
     if least_optical_depth(cell, before, part.lower, w) <= w.near_m:
-        return holds_hole(sampled.near_holes, part.first, part.last, 0)
+        return holds_hole(sampled.near_holes, part.first - LEAST_SIDE, part.last + LEAST_SIDE, 0)
     return holds_hole(sampled.holes, part.first, part.last, side_index(w.profile_blank_m * w.f_px / part.x))
 
 

@@ -360,9 +360,10 @@ def test_no_free_cell_holds_the_edge_of_a_blank_thing_in_a_column_beside_it(numb
     assert wrong == []
 
 
-@pytest.mark.parametrize(("seed", "number"), [(2811, 7), (2701, 597)])
-def test_no_free_cell_holds_the_lower_edge_of_a_blank_thing_in_a_block_in_part(seed: int, number: int) -> None:
-    """A box and a sphere of which three or four rows lie in the uppermost rows of a layer, not in a whole block of columns."""
+@pytest.mark.parametrize(("seed", "number"), [(2811, 7), (2701, 597), (3306, 129)])
+def test_no_free_cell_holds_the_edge_of_a_blank_thing_in_a_block_in_part(seed: int, number: int) -> None:
+    """A box and a sphere of which three or four rows lie in the uppermost rows of a layer, and a wall of which one or two lie in the
+    lowest rows, not in a whole block of columns."""
     wrong, cells, valid, _ = free_campaign.judge(blank_frame(seed, number), Extractor(Params()), False)
     assert valid
     assert cells > 50

@@ -428,7 +428,8 @@ def free_walk(
     clear_z: z down to which ground hides nothing at a distance; in_range: whether heights z0..z1 at a distance are; least: height of a layer that is judged; blind: distance beyond which ground may hide an obstacle;
     too_near: whether a part of heights z0..z1 at a distance is too near to be measured; blank: least side of a thing without texture."""
     columns, weights, rows = codes[direction == d], weight[direction == d], codes.shape[1]
-    sides = [with_edges(holes(codes == 0, 4 << k), codes == 0) for k in range(4)]
+    dark = codes == 0
+    sides = [rows_of_holes(with_sides(holes(dark, 4 << k), dark), dark) for k in range(4)]
     over = np.flatnonzero(overlaps)
 
     def rows_at(x, lower):
@@ -453,11 +454,11 @@ def free_walk(
 
     def is_hidden(x, before, a, b, lower):
         if too_near(before, z0, lower):
-            part = sides[0][max(over[0] - 1, 0) : over[-1] + 2, max(a // 4 - 1, 0) : b // 4 + 2]
+            part = sides[0][max(over[0] - 1, 0) : over[-1] + 2, max(a - 4, 0) : b + 5]
         else:
             cells = blank * f / x
             nearest = min(range(4), key=lambda k: abs(math.log(cells / (4 << k))))
-            part = sides[nearest][over, a // 4 : b // 4 + 1]
+            part = sides[nearest][over, a : b + 1]
         return part.any()
 
     def begin(r):
@@ -540,12 +541,6 @@ def holes(unknown, side):
     return out[side : side + cols, side // 4 : side // 4 + blocks]
 
 
-def with_edges(found, unknown):
-    """Holes and the blocks above and below them that have 3 unknown cells or more. found: (cols, blocks); unknown: (cols, rows)."""
-    beside = np.pad(found, ((0, 0), (1, 1)))
-    return found | (_mostly_unknown(unknown) & (beside[:, :-2] | beside[:, 2:]))
-
-
 def with_sides(found, unknown):
     """Holes and the blocks that blocks of 3 unknown cells or more connect with them along their rows. found: (cols, blocks);
     unknown: (cols, rows)."""
@@ -556,6 +551,19 @@ def with_sides(found, unknown):
             while 0 <= beside < len(many) and many[beside, b]:
                 out[beside, b] = True
                 beside += step
+    return out
+
+
+def rows_of_holes(found, unknown):
+    """(cols, rows) cells of blocks that are holes, and the unknown ones that connect with them in their column, up to 7 on either side.
+    found: (cols, blocks); unknown: (cols, rows)."""
+    whole = np.repeat(found, 4, axis=1)[:, : unknown.shape[1]]
+    out, rows = whole.copy(), range(unknown.shape[1])
+    for order in (rows, reversed(rows)):
+        left = np.full(len(whole), -1)  # rows by which the hole of each column may still extend
+        for v in order:
+            left = np.where(whole[:, v], 7, np.where(unknown[:, v], left - 1, -1))
+            out[:, v] |= left >= 0
     return out
 
 

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from core.stages.free_cells import unknown_of_blocks
-from core.stages.free_holes import add_edges, add_sides, find_holes, holds_hole, join_holes, side_index
+from core.stages.free_holes import add_sides, find_holes, holds_hole, join_holes, side_index
 from core.types import FreeProfile
 
 from . import naive
@@ -46,17 +46,19 @@ def test_holes_are_the_squares_of_unknown_cells(seed: int) -> None:
 @given(SEED)
 def test_holes_of_a_direction_and_those_beside_it(seed: int) -> None:
     rng = np.random.default_rng(seed)
-    holes = rng.integers(0, 16, (12, 9)).astype(np.uint8) * (rng.random((12, 9)) < 0.1).astype(np.uint8)
+    rows = int(rng.choice([33, 34, 35, 36]))
+    codes = random_holes(rng, 12, rows)
+    found = rng.integers(0, 16, (12, 9)).astype(np.uint8) * (rng.random((12, 9)) < 0.1).astype(np.uint8)
+    reached = [naive.rows_of_holes((found >> k) & 1 != 0, codes == 0) for k in range(4)]
     u0 = int(rng.integers(0, 11))
     u1 = int(rng.integers(u0 + 1, 13))
-    own, widened = np.full(9, 7, np.uint8), np.full(9, 7, np.uint8)
-    join_holes(holes, (u0, u1), own, widened)
-    np.testing.assert_array_equal(own, np.bitwise_or.reduce(holes[u0:u1], axis=0))
-    beside = np.pad(np.bitwise_or.reduce(holes[max(u0 - 1, 0) : u1 + 1], axis=0), 1)
-    np.testing.assert_array_equal(widened, beside[:-2] | beside[1:-1] | beside[2:])
-    v0, v1 = np.sort(rng.integers(0, 36, 2))
+    own, beside = np.full(rows, 7, np.uint8), np.full(rows, 7, np.uint8)
+    join_holes(codes, found, (u0, u1), own, beside)
+    v0, v1 = np.sort(rng.integers(-6, rows + 6, 2))
     for k in range(4):
-        assert holds_hole(own, v0, v1, k) == bool((own[v0 // 4 : v1 // 4 + 1] >> k & 1).any())
+        np.testing.assert_array_equal((own >> k) & 1 != 0, reached[k][u0:u1].any(axis=0))
+        np.testing.assert_array_equal((beside >> k) & 1 != 0, reached[k][max(u0 - 1, 0) : u1 + 1].any(axis=0))
+        assert holds_hole(own, v0, v1, k) == bool((own[max(v0, 0) : max(v1 + 1, 0)] >> k & 1).any())
 
 
 def test_the_side_that_is_nearest_as_a_ratio() -> None:
@@ -121,17 +123,42 @@ def test_the_corner_of_a_thing_without_texture_is_in_no_free_cell() -> None:
     assert covers(g, direction - 1, 4.0)
 
 
-@pytest.mark.parametrize(("first", "end"), [(12, 55), compiled(105, 148)])
+@pytest.mark.parametrize(("first", "end"), [(12, 54), (12, 55), compiled(105, 148), compiled(106, 148)])
 def test_the_edge_of_a_hole_that_fills_a_block_in_part_is_in_no_free_cell(first: int, end: int) -> None:
-    """The rings at 3.75 and 3.5 m see the layer in rows 53..106 and 51..108. The hole ends with the third of the four rows of the
-    block in which the layer begins or ends, 7 cm within it."""
+    """The rings at 3.75 and 3.5 m see the layer in rows 53..106 and 51..108. The hole ends with the second or third of the four rows
+    of the block in which the layer begins or ends, one or two rows within it."""
     f = profile_with()
     direction = len(f.azimuth_edges_rad) // 2
-    assert covers(f, direction, 3.75)
+    assert covers(f, direction, 3.8)
     middle = int(first_columns(f)[direction])
     g = profile_with((slice(middle - 20, middle + 20), slice(first, end)))
-    assert not covers(g, direction, 3.75)
+    assert not covers(g, direction, 3.8)
     assert covers(g, direction, 5.0)
+
+
+@pytest.mark.parametrize(("first", "end"), [(12, 53), compiled(107, 148)])
+def test_a_hole_whose_edge_does_not_reach_the_rows_of_a_ring_does_not_end_it(first: int, end: int) -> None:
+    """The ring at 3.75 m sees the layer in rows 53..106, the one at 3.5 m in rows 51..108."""
+    f = profile_with()
+    direction = len(f.azimuth_edges_rad) // 2
+    middle = int(first_columns(f)[direction])
+    g = profile_with((slice(middle - 20, middle + 20), slice(first, end)))
+    assert not covers(g, direction, 3.5)
+    assert covers(g, direction, 3.8)
+
+
+def test_the_upper_edge_of_a_wall_without_texture_is_in_no_free_cell_of_a_layer_below_the_camera() -> None:
+    """The wall stands at 8.53 m and ends 1.11 m below the camera, in row 50 of rows 44..51 that the ring at 8.5 m sees. The ring at
+    9.5 m sees the layer in rows 43..49, over the wall."""
+    codes = np.full((COLS, ROWS), code(np.inf)[0])
+    codes[:, 50:127] = 0
+    g = view(rows=ROWS, cols=COLS, f=112.5)._replace(cv=34.5)
+    f = profile(codes, g, profile_layer_m=0.5, profile_layers=9)
+    direction, layer = len(f.azimuth_edges_rad) // 2, 6
+    assert f.layer_edges_m[layer] == 0.75
+    assert not f.free_from_m[direction, layer] <= 8.53 <= f.free_to_m[direction, layer]
+    assert f.free_from_m[direction, layer] == pytest.approx(9.5, abs=0.05)
+    assert f.free_to_m[direction, layer] > 18.0
 
 
 @pytest.mark.parametrize("left", [True, compiled(False)])
@@ -152,18 +179,15 @@ def test_the_side_of_a_round_hole_is_in_no_free_cell(left: bool) -> None:
 
 
 @given(SEED)
-def test_edges_of_holes_against_each_block(seed: int) -> None:
+def test_sides_of_holes_against_each_block(seed: int) -> None:
     rng = np.random.default_rng(seed)
     codes = random_holes(rng, int(rng.integers(1, 50)), int(rng.integers(1, 50)))
     unknown = unknown_of_blocks(codes)
     found = find_holes(unknown)
-    add_edges(unknown, found)
-    edged = [naive.with_edges(naive.holes(codes == 0, 4 << k), codes == 0) for k in range(4)]
-    for k in range(4):
-        np.testing.assert_array_equal((found >> k) & 1 != 0, edged[k])
     add_sides(unknown, found)
     for k in range(4):
-        np.testing.assert_array_equal((found >> k) & 1 != 0, naive.with_sides(edged[k], codes == 0))
+        wanted = naive.with_sides(naive.holes(codes == 0, 4 << k), codes == 0)
+        np.testing.assert_array_equal((found >> k) & 1 != 0, wanted)
 
 
 @pytest.mark.compiled
