@@ -15,6 +15,8 @@ from numpy.typing import NDArray
 
 from core.types import BEYOND_MM, CONTINUED_MM, TEXTURED_MM, TEXTURELESS_MM, UNKNOWN_MM
 
+from .level_lines import level_lines
+
 Gray = NDArray[np.uint8]
 Image = NDArray[np.float32]
 Mask = NDArray[np.bool_]
@@ -38,6 +40,8 @@ something blurs the left lens alone, as a finger, a drop or fog: a surface with 
 _LIKE_WINDOW, _LIKE_BELOW_PX, _LIKE_GAP_PX, _LIKE_ROWS = (41, 5), 6, 8, 90
 """A surface is compared with what is below it: window of the means (width, height), distance of its rows, unmatched rows between
 both, and greatest number of rows below the surface, pixels."""
+_EDGE_ROWS = 6
+"""Rows below smooth pixels in which the lower edge of these lies: its marks begin 3 rows above it, and a lens blurs it."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -47,7 +51,8 @@ class SmoothLimits:
     edge_sigmas: least contrast of an edge, in standard deviations of the noise; slope_grey: greatest change of grey per pixel
     of a sky; bend_grey: greatest change of that slope over a window; dark_grey, bright_grey: pixels outside of this range are
     not judged; differ_grey: greatest difference in brightness between both images; like_grey: greatest difference between a
-    surface and what is below it that counts as alike; grow_px: pixels this close to an edge are not smooth."""
+    surface and what is below it that counts as alike; grow_px: pixels this close to an edge are not smooth; line_px: least length of
+    a level line."""
 
     edge_sigmas: float = 5.0
     slope_grey: float = 0.8
@@ -57,6 +62,7 @@ class SmoothLimits:
     differ_grey: float = 4.0
     like_grey: float = 5.0
     grow_px: int = 2
+    line_px: int = 61
 
 
 def noise_grey(image: Gray) -> float:
@@ -172,16 +178,28 @@ def continued(matched: Mask, even: Mask, left: Gray, limits: SmoothLimits) -> Ma
     return found
 
 
+def apart_from(lines: Mask, smooth_above: Mask) -> Mask:
+    """(H, W) which pixels lie within one row of a level line that is not the lower edge of a smooth surface. lines, smooth_above: (H, W)
+    whether a pixel lies on a level line, is smooth."""
+    below = np.zeros((2 * _EDGE_ROWS + 1, 1), np.uint8)
+    below[: _EDGE_ROWS + 1] = 1
+    edge = cv2.dilate(smooth_above.view(np.uint8), below).view(np.bool_)
+    return np.asarray(cv2.dilate((lines & ~edge).view(np.uint8), np.ones((3, 1), np.uint8))).view(np.bool_)
+
+
 def mark_unmeasured(
     depth_mm: NDArray[np.uint16], disparity: NDArray[np.float32], left: Gray, right: Gray, limits: SmoothLimits
 ) -> NDArray[np.uint16]:
     """The depth image (H, W) uint16 with marks for UNKNOWN_MM where the images say more: BEYOND_MM where there is a disparity,
-    CONTINUED_MM and TEXTURELESS_MM where the images are smooth, TEXTURED_MM where the left one is not. Dark and saturated pixels, and
-    smooth ones that differ between the images, stay UNKNOWN_MM. disparity: (H, W) float32 px, negative: none."""
+    CONTINUED_MM and TEXTURELESS_MM where the images are smooth, TEXTURED_MM where the left one is not. Dark and saturated pixels,
+    smooth ones that differ between the images, and level lines stay UNKNOWN_MM: these may be rods. The lower edge of the sky is no such
+    line. disparity: (H, W) float32 px, negative: none."""
     matched, edge = disparity >= 0.0, edges(left, limits)
     even = smooth(left, right, edge, limits) & ~matched
     marks = np.where(even, np.uint16(TEXTURELESS_MM), np.uint16(UNKNOWN_MM))
     marks[edge & judged(left, limits)] = TEXTURED_MM
     marks[continued(matched, even, left, limits)] = CONTINUED_MM
+    rods = apart_from(level_lines(left, limits.line_px), marks == TEXTURELESS_MM)
+    marks[rods & (marks == TEXTURED_MM)] = UNKNOWN_MM
     marks[matched] = BEYOND_MM
     return np.where(depth_mm == UNKNOWN_MM, marks, depth_mm)

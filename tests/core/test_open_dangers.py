@@ -175,6 +175,29 @@ def test_a_rail_below_the_horizon_ends_what_is_open(f_px: float, mark: int, top_
     assert open_forward_m(model_of(f_px, depth), 0.25) <= 5.0
 
 
+def marked_field(rod_deg: float | None) -> Depth:
+    """Unmatched texture for 1.2 degrees below the sky, matched ground below that, and a level rod of two rows so far below the horizon,
+    through the marks of the driver."""
+    f_px = 350.0
+    width, height = CAMERAS[f_px]
+    rng = np.random.default_rng(8)
+    horizon, first = row_at(f_px, 0.0), row_at(f_px, -1.2)
+    left = np.full((height, width), 200.0)
+    left[horizon:] = 110.0 + rng.normal(0.0, 12.0, (height - horizon, width))
+    if rod_deg is not None:
+        left[row_at(f_px, -rod_deg) :][:2] = 170.0
+    images = [np.clip(np.rint(left + rng.normal(0.0, 1.0, left.shape)), 0, 255).astype(np.uint8) for _ in range(2)]
+    disparity = np.full((height, width), -1.0, np.float32)
+    disparity[first:] = (f_px * BASELINE_M / (0.001 * ground_mm(f_px)[first:]))[:, None]
+    return mark_unmeasured(depth_mm(disparity, f_px * BASELINE_M), disparity, images[0], images[1], SmoothLimits())
+
+
+@pytest.mark.parametrize(("rod_deg", "is_open"), [(None, True), (0.9, False), (1.0, False), (1.1, False)])
+def test_a_level_rod_close_below_the_horizon_is_not_open(rod_deg: float | None, is_open: bool) -> None:
+    """It lies in texture without a match, which is passed over for 1.5 degrees below the sky."""
+    assert (open_m(model_of(350.0, marked_field(rod_deg)), 0.0) >= 10.0) == is_open
+
+
 @FOCAL
 def test_a_blank_arch_is_not_open_through_its_face(f_px: float) -> None:
     depth = field(f_px)

@@ -169,6 +169,37 @@ def test_unmatched_texture_is_marked_and_dark_and_saturated_pixels_are_not() -> 
     assert (marks[95:115] == UNKNOWN_MM).all()
 
 
+def horizon_and_rod(rod_grey: float | None) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+    """A sky that ends at row 90, unmatched texture below it, and 8 rows lower a level rod of two rows."""
+    image = sky()
+    rng = np.random.Generator(np.random.PCG64(6))
+    image[90:] = 90.0 + 12.0 * rng.standard_normal((HEIGHT - 90, WIDTH))
+    if rod_grey is not None:
+        image[98:100] = rod_grey
+    return pair(image)
+
+
+@pytest.mark.parametrize(("rod_grey", "is_unknown"), [(150.0, True), (40.0, True), (None, False)])
+def test_a_level_line_below_the_horizon_is_unknown_and_the_horizon_is_not(
+    rod_grey: float | None, is_unknown: bool
+) -> None:
+    """Texture without a match is passed over for 1.5 degrees below the sky, a rod must not be."""
+    left, right = horizon_and_rod(rod_grey)
+    nothing = np.full((HEIGHT, WIDTH), -1.0, np.float32)
+    marks = mark_unmeasured(np.zeros((HEIGHT, WIDTH), np.uint16), nothing, left, right, LIMITS)
+    assert (marks[97:101, 20:-20] == UNKNOWN_MM).mean() == pytest.approx(float(is_unknown), abs=0.05)
+    assert (marks[89:93, 20:-20] == TEXTURED_MM).mean() > 0.98
+    assert (marks[105:-10, 20:-20] == TEXTURED_MM).mean() > 0.98
+
+
+def test_what_is_matched_on_a_level_line_stays() -> None:
+    left, right = horizon_and_rod(150.0)
+    disparity = np.full((HEIGHT, WIDTH), -1.0, np.float32)
+    disparity[95:] = 8.0
+    depth = np.where(disparity > 0.0, np.uint16(5000), np.uint16(UNKNOWN_MM)).astype(np.uint16)
+    assert (mark_unmeasured(depth, disparity, left, right, LIMITS)[95:] == 5000).all()
+
+
 def test_noise_is_no_edge_at_the_border_of_the_image_either() -> None:
     """Windows at the border hold fewer pixels, so their means are noisier."""
     found = np.zeros((HEIGHT, WIDTH))
