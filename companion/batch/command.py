@@ -38,7 +38,7 @@ _NEAR_M: Final = 2.0
 @dataclass(slots=True)
 class BatchReport:
     """What a run did. skipped: flights whose results were present; unread_files: flight -> its files of which nothing can be
-    read; unreadable: flights without any other file; unread_folders: left out, with all logs in them; without_frames: flights
+    read; unreadable: flights without any other file; unread_inputs: files and folders that were left out; without_frames: flights
     whose logs are readable and have no depth images."""
 
     flights: int = 0
@@ -47,7 +47,7 @@ class BatchReport:
     damaged: dict[str, str] = field(default_factory=dict)
     unread_files: dict[str, int] = field(default_factory=dict)
     unreadable: int = 0
-    unread_folders: int = 0
+    unread_inputs: int = 0
     failed: dict[str, str] = field(default_factory=dict)
     without_frames: list[str] = field(default_factory=list)
     different: list[str] = field(default_factory=list)
@@ -103,7 +103,7 @@ class BatchReport:
             "frames": self.frames,
             "damaged": self.damaged,
             "unread_files": self.unread_files,
-            "unread_folders": self.unread_folders,
+            "unread_inputs": self.unread_inputs,
             "failed": self.failed,
             "without_frames": self.without_frames,
             "different_from_onboard": self.different,
@@ -252,14 +252,14 @@ def run(args: argparse.Namespace) -> int:
     output = utf8_name(args.output if is_url(args.output) else os.path.realpath(args.output))
     engine_name = EngineName(args.engine or EngineName.LOCAL)
     engine = make_engine(engine_name, args.address, args.workers, run_task)
-    unread_folders: list[str] = []
-    flights = find_flights(args.inputs, args.vehicle, output, unread_folders.append)
-    for text in unread_folders:
+    unread_inputs: list[str] = []
+    flights = find_flights(args.inputs, args.vehicle, output, unread_inputs.append)
+    for text in unread_inputs:
         warn(text)
     if engine_name is EngineName.LOCAL:
         ensure_compiled("extractor", "tracking")
     report = batch(flights, output, options, engine)
-    report.unread_folders = len(unread_folders)
+    report.unread_inputs = len(unread_inputs)
     if args.json:
         print_json(report.as_json(args.output))
     else:
@@ -269,7 +269,7 @@ def run(args: argparse.Namespace) -> int:
     if len(report.failed) > _LISTED:
         fail(f"and {counted(len(report.failed) - _LISTED, 'more flight')} (--json lists all)")
     _print_unread(report)
-    return 1 if report.failed or report.unread_files or report.unread_folders else 0
+    return 1 if report.failed or report.unread_files or report.unread_inputs else 0
 
 
 def _compare(args: argparse.Namespace) -> int:
@@ -288,10 +288,10 @@ def _compare(args: argparse.Namespace) -> int:
 
 def _print_unread(report: BatchReport) -> None:
     """What the results lack, at the end: a warning among many is overlooked."""
-    if folders := report.unread_folders:
+    if inputs := report.unread_inputs:
         fail(
-            f"{counted(folders, 'folder')} {'was' if folders == 1 else 'were'} not processed: "
-            f"{'it' if folders == 1 else 'they'} cannot be read (named above)"
+            f"{counted(inputs, 'input')} {'was' if inputs == 1 else 'were'} not processed: "
+            f"{'it' if inputs == 1 else 'they'} cannot be read (named above)"
         )
     if files := sum(report.unread_files.values()):
         names = list(report.unread_files)

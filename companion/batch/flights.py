@@ -46,7 +46,7 @@ def find_flights(
     inputs: Sequence[str],
     vehicle: str | None = None,
     output: str = "",
-    on_unread_folder: Callable[[str], None] = warn,
+    on_unread: Callable[[str], None] = warn,
 ) -> list[Flight]:
     """The flights in files, folders and patterns.
 
@@ -54,10 +54,10 @@ def find_flights(
         inputs: local paths, patterns or URLs.
         vehicle: vehicle of all flights; None: the name of each file's folder.
         output: dataset that may lie in an input: its replayed logs are no flights.
-        on_unread_folder: takes the text on a folder that cannot be opened: logs in it are left out.
+        on_unread: takes the text on a file, or a folder of logs, that cannot be read and is left out.
 
     Raises DeviceNotFound for an input without logs, and ValueError for two flights with the same vehicle and name."""
-    found = (file for text in inputs for file in find_logs(text, on_unread_folder))
+    found = (file for text in inputs for file in find_logs(text, on_unread))
     files = {file for file in found if not (output and is_result(file.location, output))}
     groups: dict[tuple[str, str], list[StoredFile]] = {}
     for file in files:

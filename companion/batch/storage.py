@@ -14,6 +14,7 @@ from typing import Any, Final
 
 from drivers.base import DeviceNotFound, DriverError
 from drivers.optional_library import install_command
+from drivers.regular_file import regular
 
 LOG_NAMES: Final = ("*.mcap", "*.mcap.active")
 LOGS: Final = "logs"
@@ -89,10 +90,10 @@ def reaching(location: str) -> Iterator[None]:
         ) from error
 
 
-def find_logs(location: str, on_unread_folder: Callable[[str], None]) -> list[StoredFile]:
-    """The logs at a location: a file, a folder with everything below it, or a pattern with *, ? or [. on_unread_folder takes
-    the text on a folder that cannot be opened. Raises DeviceNotFound where there is none."""
-    found = list(_remote_logs(location) if is_url(location) else _local_logs(location, on_unread_folder))
+def find_logs(location: str, on_unread: Callable[[str], None]) -> list[StoredFile]:
+    """The logs at a location: a file, a folder with everything below it, or a pattern with *, ? or [. on_unread takes
+    the text on a file or folder that cannot be read. Raises DeviceNotFound where there is none."""
+    found = list(_remote_logs(location) if is_url(location) else _local_logs(location, on_unread))
     if not found:
         raise DeviceNotFound(f"{location}: {_why_none(location)}")
     for file in found:
@@ -125,9 +126,9 @@ def is_result(location: str, output: str) -> bool:
     return location.startswith((f"{base}/{LOGS}/vehicle=", f"{base}/{UNFINISHED}/"))
 
 
-def _local_logs(location: str, on_unread_folder: Callable[[str], None]) -> Iterator[StoredFile]:
+def _local_logs(location: str, on_unread: Callable[[str], None]) -> Iterator[StoredFile]:
     def left_out(error: OSError) -> None:
-        on_unread_folder(
+        on_unread(
             f"{error.filename}: cannot be read ({error.strerror}): logs in it are left out; check its permissions"
         )
 
@@ -140,8 +141,13 @@ def _local_logs(location: str, on_unread_folder: Callable[[str], None]) -> Itera
     else:
         paths = [Path(p) for p in glob.glob(location, recursive=True)] if _GLOB_CHARACTERS & set(location) else []
     for found in paths:
-        if found.is_file():
-            yield StoredFile(str(found.resolve()), found.stat().st_size)
+        try:
+            size = regular(found).stat().st_size
+        except OSError as error:  # a link to a disk that is not mounted, a folder that may not be searched, a pipe
+            on_unread(f"{found}: cannot be read ({error.strerror}): it is left out")
+        else:
+            if found.is_file():
+                yield StoredFile(str(found.resolve()), size)
 
 
 def _is_log(name: str) -> bool:

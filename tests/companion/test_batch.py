@@ -419,7 +419,22 @@ def test_a_folder_that_cannot_be_read_gives_status_1(
 
     monkeypatch.setattr(os, "scandir", scan)
     assert main(["batch", str(fleet), "-o", str(tmp_path / "out"), "--workers", "1"]) == 1
-    assert "companion: error: 1 folder was not processed: it cannot be read" in capsys.readouterr().err
+    assert "companion: error: 1 input was not processed: it cannot be read" in capsys.readouterr().err
+
+
+def test_what_has_the_name_of_a_log_and_cannot_be_read_gives_status_1(
+    fleet: Path, dataset: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A link to a disk that is not mounted was left out without a word."""
+    logs, out = shutil.copytree(fleet, tmp_path / "logs"), shutil.copytree(dataset, tmp_path / "out")
+    (logs / "beta" / "20261104-120000.000.mcap").symlink_to(tmp_path / "disk" / "20261104-120000.000.mcap")
+    os.mkfifo(logs / "beta" / "20261105-120000.000.mcap")
+    assert main(["batch", str(logs), "-o", str(out), "--planes", "--logs", "--workers", "1", "--json"]) == 1
+    printed = capsys.readouterr()
+    assert json.loads(printed.out)["unread_inputs"] == 2
+    assert "20261104-120000.000.mcap: cannot be read (No such file or directory): it is left out" in printed.err
+    assert "20261105-120000.000.mcap: cannot be read (a pipe, socket or device" in printed.err
+    assert "companion: error: 2 inputs were not processed: they cannot be read (named above)" in printed.err
 
 
 def test_a_log_without_depth_images_is_named(fleet: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
