@@ -185,7 +185,8 @@ def test_a_state_returns_unchanged():
         ("rear", CameraState(ExtractorState(1.0, 0.1), START_NS, back_since_ns=5)),
     )
     state = PipelineState(cameras, (attitude(0), attitude(20)), (pose(5),))
-    assert m.state_from_message(wired(m.state_message(state))) == state
+    # by their texts: since Python 3.13 dataclasses with NaN in a field are not equal
+    assert repr(m.state_from_message(wired(m.state_message(state)))) == repr(state)
     fresh = m.state_from_message(m.state_message(PipelineState((("c", CameraState()),)))).cameras[0][1]
     assert math.isnan(fresh.extractor.ground_height_m)
     assert fresh.last_t_exposure_ns is None

@@ -173,18 +173,11 @@ def test_signing_that_ends_in_flight_is_reported_and_its_return_too() -> None:
 
 
 def test_one_forged_packet_with_a_far_timestamp_does_not_lock_out_the_true_stream() -> None:
+    """pymavlink 2.4.50 does lock it out, 2.4.41 does not."""
     s = signing()
     assert s.believes(message(KEY, NOW), NS)
     assert not s.believes(message(OTHER, LAST_TICK), NS)
     assert s.believes(message(KEY, NOW + 1), NS)
-    library = dialect.MAVLink(None, 1, 1)  # which does lock it out: why this is checked here
-    library.signing.secret_key = KEY
-    library.signing.timestamp = NOW
-    accepted = [
-        library.check_signature(message(key, t).get_msgbuf(), 1, 1)
-        for key, t in ((KEY, NOW), (OTHER, LAST_TICK), (KEY, NOW + 1))
-    ]
-    assert accepted == [True, False, False]
 
 
 def test_a_forged_first_packet_does_not_make_the_true_stream_old() -> None:
