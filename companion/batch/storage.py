@@ -91,8 +91,8 @@ def reaching(location: str) -> Iterator[None]:
 
 
 def find_logs(location: str, on_unread: Callable[[str], None]) -> list[StoredFile]:
-    """The logs at a location: a file, a folder with everything below it, or a pattern with *, ? or [. on_unread takes
-    the text on a file or folder that cannot be read. Raises DeviceNotFound where there is none."""
+    """The logs at a location: a file, a folder with everything below it, or a pattern with *, ? or [ of such files and
+    folders. on_unread takes the text on a file or folder that cannot be read. Raises DeviceNotFound where there is none."""
     found = list(_remote_logs(location) if is_url(location) else _local_logs(location, on_unread))
     if not found:
         raise DeviceNotFound(f"{location}: {_why_none(location)}")
@@ -127,19 +127,13 @@ def is_result(location: str, output: str) -> bool:
 
 
 def _local_logs(location: str, on_unread: Callable[[str], None]) -> Iterator[StoredFile]:
-    def left_out(error: OSError) -> None:
-        on_unread(
-            f"{error.filename}: cannot be read ({error.strerror}): logs in it are left out; check its permissions"
-        )
-
     path = Path(location)
-    if path.is_dir():
-        found_in = ((Path(folder), names) for folder, _, names in os.walk(path, onerror=left_out))
-        paths = [folder / name for folder, names in found_in for name in names if _is_log(name)]
-    elif path.exists():
-        paths = [path]
-    else:
-        paths = [Path(p) for p in glob.glob(location, recursive=True)] if _GLOB_CHARACTERS & set(location) else []
+    matches = [path]
+    if not path.exists():
+        matches = [Path(p) for p in glob.glob(location, recursive=True)] if _GLOB_CHARACTERS & set(location) else []
+    paths: dict[Path, None] = {}  # each once: "**" matches a folder and what is in it
+    for match in matches:
+        paths.update(dict.fromkeys(_logs_below(match, on_unread) if match.is_dir() else [match]))
     for found in paths:
         try:
             size = regular(found).stat().st_size
@@ -148,6 +142,16 @@ def _local_logs(location: str, on_unread: Callable[[str], None]) -> Iterator[Sto
         else:
             if found.is_file():
                 yield StoredFile(str(found.resolve()), size)
+
+
+def _logs_below(folder: Path, on_unread: Callable[[str], None]) -> list[Path]:
+    def left_out(error: OSError) -> None:
+        on_unread(
+            f"{error.filename}: cannot be read ({error.strerror}): logs in it are left out; check its permissions"
+        )
+
+    found_in = ((Path(below), names) for below, _, names in os.walk(folder, onerror=left_out))
+    return [below / name for below, names in found_in for name in names if _is_log(name)]
 
 
 def _is_log(name: str) -> bool:

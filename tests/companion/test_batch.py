@@ -23,7 +23,7 @@ from companion.batch.flights import Flight, find_flights
 from companion.batch.frame_rows import digest_of, nearest_plane_m
 from companion.batch.jobs import BatchOptions, Failure, FlightTask, Outcome
 from companion.batch.schema import TABLES
-from companion.batch.storage import StoredFile
+from companion.batch.storage import StoredFile, find_logs
 from companion.batch.task import run_task
 from companion.cli import main
 from companion.config.loader import Config
@@ -92,6 +92,15 @@ def test_flights_that_would_be_mixed_are_refused(tmp_path: Path) -> None:
     touch(tmp_path, "x/v/one.mcap", "y/v/one.mcap")
     with pytest.raises(ValueError, match=r"flight one of the vehicle v is in .*x/v and in .*y/v"):
         find_flights([str(tmp_path)])
+
+
+def test_a_pattern_takes_the_folders_that_it_matches(tmp_path: Path) -> None:
+    """A shell replaces a pattern without quotes by these folders; in quotes it found the logs beside them only."""
+    touch(tmp_path, "a/one.mcap", "b/c/two.mcap", "b/note.txt", "three.mcap")
+    for pattern, expected in (("*", ["one", "three", "two"]), ("[b]", ["two"]), ("**", ["one", "three", "two"])):
+        names = [f.name for f in find_logs(str(tmp_path / pattern), pytest.fail)]
+        assert sorted(n.removesuffix(".mcap") for n in names if n != "note.txt") == expected
+    assert [f.name for f in find_logs(str(tmp_path / "b*"), pytest.fail)] == ["two.mcap"]
 
 
 def test_flights_with_names_of_other_alphabets_are_kept_apart(tmp_path: Path) -> None:
