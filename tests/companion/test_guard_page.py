@@ -159,5 +159,5 @@ def test_the_page_names_the_times_of_the_code() -> None:
 
 def test_the_page_names_what_survives() -> None:
     """Each field of the memory that the machine starts from again."""
-    named = set(re.findall(r"`(\w+)`", PAGE[PAGE.index("## What survives") : PAGE.index("## Limits")]))
+    named = set(re.findall(r"`(\w+)`", PAGE[PAGE.index("## What is kept over a restart") : PAGE.index("## Limits")]))
     assert set(GuardMemory.__dataclass_fields__) <= named
