@@ -1,7 +1,7 @@
 """Which unmeasured pixels of a stereo pair show a smooth surface: sky or blank paint. See docs/explanation/open-space.md.
 
 A pixel is smooth where neither its rows nor its columns hold an edge that stands out of the sensor's noise, at several scales, and
-where the right image shows the same brightness at the same place: what is far, or larger than its disparity; and as few edges. Dark and
+where the right image shows the same brightness at the same place (what is far, or larger than its disparity) and as few edges. Dark and
 saturated pixels of either image are not judged: there it holds no contrast that could show an edge."""
 
 from __future__ import annotations
@@ -34,9 +34,9 @@ _SOBEL_NOISE = 0.433
 _BENDS = (((5, 5), (6, 0)), ((5, 5), (0, 6)), ((21, 3), (0, 4)), ((3, 21), (4, 0)))
 """Windows (width, height) and the steps (right, down) at which their means are compared, pixels."""
 
-_BLURRED_WINDOW, _MOST_MORE_EDGES = (41, 41), 0.25
-"""Window (width, height), and how much greater the share of edges in it may be in the right image than in the left one. It is where
-something blurs the left lens alone, as a finger, a drop or fog: a surface with fine texture looks smooth then."""
+_BLURRED_WINDOW, _MOST_DIFFERENT = (41, 41), 0.25
+"""Window (width, height), and greatest difference of the shares of edges in it between both images. It is greater where something
+blurs one lens alone, as a finger, a drop or fog: a surface with fine texture looks smooth in its image, and has no match."""
 _LIKE_WINDOW, _LIKE_BELOW_PX, _LIKE_GAP_PX, _LIKE_ROWS = (41, 5), 6, 8, 90
 """A surface is compared with what is below it: window of the means (width, height), distance of its rows, unmatched rows between
 both, and greatest number of rows below the surface, pixels."""
@@ -146,13 +146,13 @@ def judged(image: Gray, limits: SmoothLimits) -> Mask:
 
 
 def smooth(left: Gray, right: Gray, edge: Mask, limits: SmoothLimits) -> Mask:
-    """(H, W) whether the left image is smooth and the right one of the same brightness, and the right one has not far more edges around.
-    Both (H, W) uint8, rectified; edge: `edges` of the left one."""
+    """(H, W) whether the left image is smooth, the right one has the same brightness, and both have about as many edges around. Both
+    (H, W) uint8, rectified; edge: `edges` of the left one."""
     even = ~edge & judged(left, limits) & judged(right, limits)
     if not even.any():
         return even
     more = edges(right, limits).astype(np.float32) - edge
-    even &= cv2.blur(more, _BLURRED_WINDOW) <= _MOST_MORE_EDGES
+    even &= np.abs(cv2.blur(more, _BLURRED_WINDOW)) <= _MOST_DIFFERENT
     mean_left, mean_right = (cv2.boxFilter(image, cv2.CV_32F, (7, 7)) for image in (left, right))
     difference = np.asarray(mean_left - mean_right, np.float32)
     if even.any():  # both imagers need not be equally bright
