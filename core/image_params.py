@@ -45,7 +45,11 @@ class ImageParams:
     )
     noise_tiles_across: int = number(8, 1, 32, "", "columns of tiles of the image for the noise estimate")
     noise_min_depth_m: float = number(
-        1.5, 0.0, 20.0, "m", "nearer pixels are not used for this estimate: steps of a millimetre outweigh their noise"
+        1.5,
+        0.0,
+        20.0,
+        "m",
+        "nearer pixels are left out of the noise estimate, because steps of a millimetre outweigh their noise",
     )
     noise_quantile: float = number(
         0.25, 0.0, 1.0, "", "quantile of the tiles that is the noise of the image; larger: more noise is assumed"
@@ -76,7 +80,12 @@ class ImageParams:
 
     # Flying pixels: strictly between two neighbours in disparity, far from both
     flying_relative: float = critical(
-        0.08, 0.01, 0.5, "", "a flying pixel differs from its near and far neighbour by this share of disparity or more"
+        0.08,
+        0.01,
+        0.5,
+        "",
+        "a flying pixel, between a near and a far surface, differs from both neighbours by at least this "
+        "share of the disparity",
     )
     max_flying_share: float = critical(
         0.03, 0.005, 1.0, "", "greatest share of flying pixels; with more the frame is invalid"
@@ -90,7 +99,11 @@ class ImageParams:
         0.7, 0.0, 1.0, "", "a camera smears edges when more than this share of its edges are ramps (1: never)"
     )
     smear_min_edges: float = number(
-        60.0, 1.0, 10000.0, "", "least number of edges in every fourth of 480 rows for a frame to count for that"
+        60.0,
+        1.0,
+        10000.0,
+        "",
+        "least number of edges in every fourth row, at an image height of 480, for a frame to count in that judgement",
     )
     smear_min_frames: int = number(
         5, 2, 30, "frames", "number of frames with enough edges after which a camera is judged by their mean"
@@ -99,7 +112,11 @@ class ImageParams:
         0.8, 0.0, 1.0, "", "share of ramps above which a camera counts as smearing after fewer frames"
     )
     smear_clear_edges: float = number(
-        100.0, 1.0, 10000.0, "", "least number of edges in every fourth of 480 rows for that early judgement"
+        100.0,
+        1.0,
+        10000.0,
+        "",
+        "least number of edges in every fourth row, at an image height of 480, for that early judgement",
     )
     smear_merge_sigmas: float = number(
         2.5, 0.0, 6.0, "sigma", "noise of one pixel that the merge allows in addition where edges are smeared"
@@ -116,7 +133,12 @@ class ImageParams:
         0.25, 0.03, 1.0, "m", "least half-thickness of the ground; larger: low objects near the camera count as ground"
     )
     ground_sigmas: float = critical(
-        4.0, 1.0, 8.0, "sigma", "half-thickness of the ground in sigma of height; larger: fewer false and low obstacles"
+        4.0,
+        1.0,
+        8.0,
+        "sigma",
+        "half-thickness of the ground in noise of the height, sigma_h = ke * X * h; larger: fewer false obstacles far "
+        "away, fewer low ones found",
     )
     ground_tolerance_cap: float = critical(
         0.9, 0.3, 1.0, "", "greatest half-thickness of the ground, as a share of min_obstacle_height_m"
@@ -139,7 +161,11 @@ class ImageParams:
         6000, 1000, 1000000, "", "greatest number of sampled pixels; larger images are sampled in larger steps"
     )
     ground_pair_climb: float = number(
-        0.2, 0.02, 1.0, "", "two pixels of a column pair where a wall would rise by this share of the camera's height"
+        0.2,
+        0.02,
+        1.0,
+        "",
+        "two pixels of a column form a pair when a wall between them would rise by this share of the camera's height",
     )
     ground_pair_climb_min_m: float = number(0.08, 0.01, 1.0, "m", "least rise of a wall between the pixels of a pair")
     ground_pair_climb_max_m: float = number(2.0, 0.1, 20.0, "m", "greatest rise of a wall between the pixels of a pair")

@@ -61,7 +61,11 @@ class Params(ImageParams):
         7, 1, 100, "px", "least source pixels of a strip with its neighbours; larger: fewer false and thin obstacles"
     )
     min_support_m: float = critical(
-        0.02, 0.0, 0.2, "m", "least support of a strip as a length: near objects have more pixels, false matches do not"
+        0.02,
+        0.0,
+        0.2,
+        "m",
+        "least support of a strip as a length: near objects need more pixels, which false matches do not have",
     )
     max_column_strips: int = critical(
         128, 8, 1024, "", "most strips of one column; others are merged into the last one, at the nearest distance"
@@ -176,9 +180,17 @@ class Params(ImageParams):
         4, 2, 64, "px", "rows that are counted together (odd: one more); the rows of a layer are rounded outwards"
     )
     profile_sigmas: float = critical(
-        2.0, 0.0, 8.0, "sigma", "a pixel sees through what lies this much noise before it; larger: less free space"
+        2.0,
+        0.0,
+        8.0,
+        "sigma",
+        "a pixel sees through what lies this much noise before its measurement; larger: less free space",
     )
     profile_noise_cap: float = critical(0.3, 0.0, 0.5, "", "upper bound of that noise, as a share of the distance")
     profile_blank_m: float = critical(
-        0.3, 0.02, 2.0, "m", "an unmeasured region so wide and high may hide an object; smaller: less free space"
+        0.3,
+        0.02,
+        2.0,
+        "m",
+        "a region without a measurement of about this width and height may hide an object; smaller: less free space",
     )

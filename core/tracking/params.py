@@ -14,13 +14,23 @@ class TrackingParams:
     enabled: bool = switch(False, "track obstacles over frames, publish and record them; nothing else depends on it")
 
     memory_s: float = critical(
-        10.0, 0.5, 120.0, "s", "an obstacle hidden or out of view is removed after this; sooner if few frames saw it"
+        10.0,
+        0.5,
+        120.0,
+        "s",
+        "an obstacle that is hidden or out of view is removed after this time; sooner where one frame alone observed "
+        "it, or where fewer than ten did and it is hidden",
     )
     memory_without_position_s: float = critical(
         2.0, 0.2, 30.0, "s", "the same without a position of the vehicle, where its place becomes uncertain"
     )
     speed_error_m_s: float = critical(
-        5.0, 0.0, 20.0, "m/s", "without a position, margins out of view grow at this speed or the greatest flown so"
+        5.0,
+        0.0,
+        20.0,
+        "m/s",
+        "without a position, margins of obstacles grow by this for each second out of view; at least the greatest "
+        "speed flown so",
     )
     most_tracks: int = critical(
         2048, 64, 16384, "", "tracks held; those unobserved longest are removed and counted (`evicted`, `left_out`)"
