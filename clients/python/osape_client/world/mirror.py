@@ -219,7 +219,7 @@ class WorldMirror:
             socket.setsockopt(zmq.SUBSCRIBE, b"")
         try:
             connect(socket, address, self._keys)
-        except BaseException:
+        except ValueError:  # of the address or the keys
             socket.close(0)
             raise
         return TimedSocket(socket, address if kind == zmq.SUB else None)  # a request is sent by a new socket
