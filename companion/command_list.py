@@ -8,11 +8,11 @@ from typing import Final
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """module: in this package, with add_parser and run; purpose: one sentence without a full stop; examples: command lines."""
+    """A command of the command line."""
 
-    module: str
-    purpose: str
-    examples: tuple[str, ...] = ()
+    module: str  # in this package, with add_parser and run
+    purpose: str  # one sentence without a full stop
+    examples: tuple[str, ...] = ()  # command lines
 
 
 GROUPS: Final[dict[str, dict[str, Command]]] = {

@@ -106,11 +106,11 @@ class DiagnosticCode(Code):
 
 @dataclass(frozen=True, slots=True)
 class Diagnostic:
-    """One fault. camera: empty unless the fault concerns one camera; text: observation, likely cause and remedy."""
+    """One fault."""
 
     code: DiagnosticCode
-    camera: str
-    text: str
+    camera: str  # empty unless the fault concerns one camera
+    text: str  # observation, likely cause and remedy
 
     def line(self) -> str:
         """Code and text in one line."""

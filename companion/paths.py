@@ -13,10 +13,10 @@ NAME = SERVICE_NAME
 
 @dataclass(frozen=True, slots=True)
 class Folders:
-    """run: of sockets, gone with the boot; state: of logs, kept."""
+    """Directories of the service."""
 
-    run: Path
-    state: Path
+    run: Path  # of sockets, gone with the boot
+    state: Path  # of logs, kept
 
 
 class FolderError(ValueError):

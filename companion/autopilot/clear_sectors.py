@@ -82,10 +82,10 @@ def no_clear_text(info: CameraInfo, avoid: AvoidParams, params: Params, views: S
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OpenedCamera:
-    """A camera that was opened. hidden: (H, W) pixels that are never measured; None: all can be."""
+    """A camera that was opened."""
 
     info: CameraInfo
-    hidden: Mask | None
+    hidden: Mask | None  # (H, W) pixels that are never measured; None: all can be
 
 
 def never_clear_texts(cameras: Sequence[OpenedCamera], avoid: AvoidParams, params: Params) -> dict[str, str]:

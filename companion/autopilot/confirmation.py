@@ -51,16 +51,11 @@ FULL_IMAGE_PX = 320 * 240
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Planes:
-    """Planes of one frame.
+    """Planes of one frame."""
 
-    Attributes:
-        t_ns: exposure.
-        ends_m: (N, 4) a and b in north-aligned axes.
-        fixed: relative to the origin of ned; otherwise to the vehicle."""
-
-    t_ns: int
-    ends_m: NDArray[np.float64]
-    fixed: bool
+    t_ns: int  # exposure
+    ends_m: NDArray[np.float64]  # (N, 4) a and b in north-aligned axes
+    fixed: bool  # relative to the origin of ned; otherwise to the vehicle
 
 
 class PlaneConfirmation:

@@ -62,20 +62,13 @@ m/s."""
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AutopilotNow:
-    """State of the autopilot for a decision.
+    """State of the autopilot for a decision."""
 
-    Attributes:
-        kind: "" before the first heartbeat; both names while heartbeats contradict each other.
-        margin_m: AVOID_MARGIN; None: not known.
-        cp_dist_m: CP_DIST; None: not known.
-        on_ground: the autopilot reports that the vehicle is on the ground.
-        margin_is_read: False: margin_m is from the last start, when another vehicle may have been connected."""
-
-    kind: str = ""
-    margin_m: float | None = None
-    cp_dist_m: float | None = None
-    on_ground: bool = False
-    margin_is_read: bool = True
+    kind: str = ""  # "" before the first heartbeat; both names while heartbeats contradict each other
+    margin_m: float | None = None  # AVOID_MARGIN; None: not known
+    cp_dist_m: float | None = None  # CP_DIST; None: not known
+    on_ground: bool = False  # the autopilot reports that the vehicle is on the ground
+    margin_is_read: bool = True  # False: margin_m is from the last start, when another vehicle may have been connected
 
     @property
     def may_be_px4(self) -> bool:
@@ -85,42 +78,27 @@ class AutopilotNow:
 
 @dataclass(frozen=True, slots=True)
 class Policy:
-    """A failsafe policy.
+    """A failsafe policy."""
 
-    Attributes:
-        name: unknown, stop or brake.
-        wall_m: distance of the artificial wall from the hull; 0 for `unknown`.
-        all_around: the wall is in all sectors, not only in those of blind cameras."""
-
-    name: str
-    wall_m: float = 0.0
-    all_around: bool = False
+    name: str  # unknown, stop or brake
+    wall_m: float = 0.0  # distance of the artificial wall from the hull; 0 for `unknown`
+    all_around: bool = False  # the wall is in all sectors, not only in those of blind cameras
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ObstacleView:
-    """Input of a decision.
+    """Input of a decision."""
 
-    Attributes:
-        scan: sectors by the seeing cameras.
-        recalled: remembered obstacles.
-        blind: (72,) sectors that blind cameras should cover in part.
-        seeing: (72,) sectors that seeing cameras cover in part.
-        whole: (72,) sectors that seeing cameras cover completely.
-        newest_ns: the newest exposure of a valid frame of any camera; None: there was none.
-        edge: (72,) sectors in which the hull would pass beside the views of the seeing cameras.
-        velocity_m_s: of the vehicle in level, forward and right; None: not known.
-        on_ground: the vehicle is on the ground."""
-
-    scan: SectorScan
+    scan: SectorScan  # sectors by the seeing cameras
     recalled: Remembered
-    blind: NDArray[np.bool_]
-    seeing: NDArray[np.bool_]
-    whole: NDArray[np.bool_]
-    newest_ns: int | None
+    blind: NDArray[np.bool_]  # (72,) sectors that blind cameras should cover in part
+    seeing: NDArray[np.bool_]  # (72,) sectors that seeing cameras cover in part
+    whole: NDArray[np.bool_]  # (72,) sectors that seeing cameras cover completely
+    newest_ns: int | None  # the newest exposure of a valid frame of any camera; None: there was none
+    # (72,) sectors in which the hull would pass beside the views of the seeing cameras
     edge: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(SECTORS, np.bool_))
-    velocity_m_s: tuple[float, float] | None = None
-    on_ground: bool = False
+    velocity_m_s: tuple[float, float] | None = None  # of the vehicle in level, forward and right; None: not known
+    on_ground: bool = False  # the vehicle is on the ground
 
 
 def policy_of(avoid: AvoidParams, autopilot: AutopilotNow) -> Policy:

@@ -25,18 +25,12 @@ KEPT: Final = {"AVOID_MARGIN": 100.0, "CP_DIST": 100.0}
 
 @dataclass(frozen=True, slots=True)
 class LastValues:
-    """Values of one autopilot.
+    """Values of one autopilot."""
 
-    Attributes:
-        kind: kind of the autopilot.
-        system_id: MAVLink system.
-        version: version of its firmware; None: never read.
-        parameters: those of KEPT that were read."""
-
-    kind: str
-    system_id: int
-    version: FirmwareVersion | None = None
-    parameters: Mapping[str, float] = field(default_factory=dict)
+    kind: str  # kind of the autopilot
+    system_id: int  # MAVLink system
+    version: FirmwareVersion | None = None  # version of its firmware; None: never read
+    parameters: Mapping[str, float] = field(default_factory=dict)  # those of KEPT that were read
 
 
 class LastValuesFile:

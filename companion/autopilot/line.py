@@ -18,18 +18,14 @@ def _no_commands(message: Any, decided_by: Vehicle) -> None:
 
 @dataclass(frozen=True, slots=True)
 class AutopilotLine:
-    """The line to one autopilot. Its functions may be called from any thread.
+    """The line to one autopilot. Its functions may be called from any thread."""
 
-    Attributes:
-        vehicle: returns the autopilot that is received now; None: none.
-        post: sends a message to it.
-        silent: returns an autopilot in flight that is not received any more; None: none. It may still receive.
-        command: sends a command that was decided by this state of the vehicle, unless a newer one contradicts it at the moment of
-            sending."""
-
-    vehicle: Callable[[], Vehicle | None]
-    post: Callable[[Any], None]
+    vehicle: Callable[[], Vehicle | None]  # returns the autopilot that is received now; None: none
+    post: Callable[[Any], None]  # sends a message to it
+    # returns an autopilot in flight that is not received any more; None: none. It may still receive.
     silent: Callable[[], Vehicle | None] = lambda: None
+    # sends a command that was decided by this state of the vehicle, unless a newer one contradicts it at the moment of
+    # sending
     command: Callable[[Any, Vehicle], None] = _no_commands
 
 

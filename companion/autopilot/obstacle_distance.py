@@ -59,16 +59,12 @@ def near_cm(distance_m: NDArray[np.float64], avoid: AvoidParams) -> NDArray[np.u
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BrakingReach:
-    """Obstacles that are sent to PX4 although an unknown sector is beside them.
+    """Obstacles that are sent to PX4 although an unknown sector is beside them."""
 
-    Attributes:
-        always_cm: (72,) an obstacle up to this distance is sent as it is.
-        approach_cm: (72,) one up to this distance is sent at `wall_cm`, by which PX4 brakes and does not move into the sector.
-        wall_cm: distance of the wall of the policy `brake`; 0: none."""
-
-    always_cm: NDArray[np.float64]
+    always_cm: NDArray[np.float64]  # (72,) an obstacle up to this distance is sent as it is
+    # (72,) one up to this distance is sent at `wall_cm`, by which PX4 brakes and does not move into the sector
     approach_cm: NDArray[np.float64]
-    wall_cm: int = 0
+    wall_cm: int = 0  # distance of the wall of the policy `brake`; 0: none
 
 
 def only_near(distance_cm: float) -> BrakingReach:

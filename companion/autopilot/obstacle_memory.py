@@ -25,24 +25,16 @@ NEVER = -1
 
 @dataclass(frozen=True, slots=True)
 class Here:
-    """The vehicle at the moment of sending.
+    """The vehicle at the moment of sending."""
 
-    Attributes:
-        heading_rad: clockwise from north.
-        position_ned_m: None: not known.
-        section: number of the section of the position estimate; it changes when the estimate jumps.
-        heading_section: changes when the heading jumps, or may have jumped.
-        turned_rad: sum of the known jumps of the heading, clockwise.
-        velocity_ned_m_s: None: not known.
-        lean_m_s2: acceleration (north, east) of a multirotor with this attitude in still air, without vertical
-            acceleration; None: not known."""
-
-    heading_rad: float
-    position_ned_m: tuple[float, float, float] | None = None
-    section: int | None = None
-    heading_section: int = 0
-    turned_rad: float = 0.0
-    velocity_ned_m_s: tuple[float, float, float] | None = None
+    heading_rad: float  # clockwise from north
+    position_ned_m: tuple[float, float, float] | None = None  # None: not known
+    section: int | None = None  # number of the section of the position estimate; it changes when the estimate jumps
+    heading_section: int = 0  # changes when the heading jumps, or may have jumped
+    turned_rad: float = 0.0  # sum of the known jumps of the heading, clockwise
+    velocity_ned_m_s: tuple[float, float, float] | None = None  # None: not known
+    # acceleration (north, east) of a multirotor with this attitude in still air, without vertical acceleration; None:
+    # not known
     lean_m_s2: tuple[float, float] | None = None
 
     @property
@@ -61,14 +53,11 @@ class Here:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Remembered:
-    """Remembered obstacles, (72,) each, in metres from the hull; inf: none.
+    """Remembered obstacles, (72,) each, in metres from the hull; inf: none."""
 
-    Attributes:
-        distance_m: the nearest one.
-        way_seen_m: the nearest one of those to which the way was seen (SectorState.OBSTACLE), from a place from which
-            that way is the same as from here."""
-
-    distance_m: NDArray[np.float64]
+    distance_m: NDArray[np.float64]  # the nearest one
+    # the nearest one of those to which the way was seen (SectorState.OBSTACLE), from a place from which that way is the
+    # same as from here
     way_seen_m: NDArray[np.float64]
 
 

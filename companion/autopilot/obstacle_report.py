@@ -53,54 +53,34 @@ RECKONING_ERRORS = (ArithmeticError, AssertionError, LookupError, ValueError)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ObstacleReport:
-    """One decision about what to send.
+    """One decision about what to send."""
 
-    Attributes:
-        t_ns: instant of the decision.
-        values: (72,) uint16 distances in cm that were sent; None: nothing was sent.
-        blind: camera -> cause, as text, of each blind camera.
-        policy: name of the failsafe policy.
-        fault: error of the computation, as text; empty: none.
-        points_m: (N, 3) obstacles above and below the band, if they are sent.
-        up_m: distance to the lowest obstacle above the vehicle; None: not sent.
-        down_m: distance to the ground below the vehicle; None: not sent.
-        exposed_ns: oldest of the newest exposures of the seeing cameras, by which it was made; None: no camera sees."""
-
-    t_ns: int
-    values: NDArray[np.uint16] | None
-    blind: dict[str, str]
-    policy: str
-    fault: str = ""
+    t_ns: int  # instant of the decision
+    values: NDArray[np.uint16] | None  # (72,) uint16 distances in cm that were sent; None: nothing was sent
+    blind: dict[str, str]  # camera -> cause, as text, of each blind camera
+    policy: str  # name of the failsafe policy
+    fault: str = ""  # error of the computation, as text; empty: none
+    # (N, 3) obstacles above and below the band, if they are sent
     points_m: NDArray[np.float64] = field(default_factory=NO_POINTS.copy)
-    up_m: float | None = None
-    down_m: float | None = None
+    up_m: float | None = None  # distance to the lowest obstacle above the vehicle; None: not sent
+    down_m: float | None = None  # distance to the ground below the vehicle; None: not sent
+    # oldest of the newest exposures of the seeing cameras, by which it was made; None: no camera sees
     exposed_ns: int | None = None
 
 
 @dataclass(slots=True, kw_only=True, eq=False)
 class _Decision:
-    """What one decision is made from.
+    """What one decision is made from."""
 
-    Attributes:
-        now_ns: instant of the decision.
-        causes: camera -> why it is blind, as text; empty: it is not.
-        here: the vehicle; None: its attitude is not known.
-        seeing: cameras that see.
-        views: of these cameras, in level; empty without an attitude.
-        recall: see `polar_histogram.Recall`; None: nothing is remembered.
-        found: sectors by these views.
-        recalled: remembered obstacles.
-        fault: error of the computation, as text; empty: none."""
-
-    now_ns: int
-    causes: dict[str, str]
-    here: Here | None = None
-    seeing: list[str] = field(default_factory=list)
-    views: list[View] = field(default_factory=list)
-    recall: Recall | None = None
-    found: SectorScan
+    now_ns: int  # instant of the decision
+    causes: dict[str, str]  # camera -> why it is blind, as text; empty: it is not
+    here: Here | None = None  # the vehicle; None: its attitude is not known
+    seeing: list[str] = field(default_factory=list)  # cameras that see
+    views: list[View] = field(default_factory=list)  # of these cameras, in level; empty without an attitude
+    recall: Recall | None = None  # see `polar_histogram.Recall`; None: nothing is remembered
+    found: SectorScan  # sectors by these views
     recalled: Remembered = field(default_factory=nothing_remembered)
-    fault: str = ""
+    fault: str = ""  # error of the computation, as text; empty: none
 
     @property
     def blind(self) -> dict[str, str]:
@@ -110,25 +90,18 @@ class _Decision:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SeenCameras:
-    """The cameras whose frames decide, and how their frames are used.
+    """The cameras whose frames decide, and how their frames are used."""
 
-    Attributes:
-        cameras: names of all configured cameras.
-        timeout_s: age above which a camera's newest frame does not count.
-        params: parameters of the extraction.
-        frame_fault: returns why the frames of a camera must not be used although they arrive, such as an image repeated
-            under new stamps; empty: they may be used.
-        observer: receives the surroundings of each decision.
-        open_counts: True if a sector whose band is free or open up to the maximum is clear ([open_sky] mode = "presume").
-        reach_m: range to which free space is remembered for the observer; at least max_distance_m."""
-
-    cameras: tuple[str, ...]
-    timeout_s: float
-    params: Params = field(default_factory=Params)
+    cameras: tuple[str, ...]  # names of all configured cameras
+    timeout_s: float  # age above which a camera's newest frame does not count
+    params: Params = field(default_factory=Params)  # parameters of the extraction
+    # returns why the frames of a camera must not be used although they arrive, such as an image repeated under new
+    # stamps; empty: they may be used
     frame_fault: Callable[[str], str] = lambda camera: ""
-    observer: Observer | None = None
+    observer: Observer | None = None  # receives the surroundings of each decision
+    # True if a sector whose band is free or open up to the maximum is clear ([open_sky] mode = "presume")
     open_counts: bool = False
-    reach_m: float = 0.0
+    reach_m: float = 0.0  # range to which free space is remembered for the observer; at least max_distance_m
 
 
 class ObstacleReportBuilder:

@@ -24,18 +24,12 @@ RC_PROXIMITY_SWITCH = 40
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AutopilotFacts:
-    """What was read from an autopilot.
+    """What was read from an autopilot."""
 
-    Attributes:
-        kind: kind of the autopilot.
-        values: parameters by name.
-        silent: parameters that it did not answer.
-        version: version of its firmware; None: it did not answer."""
-
-    kind: str
-    values: Mapping[str, float] = field(default_factory=dict)
-    silent: tuple[str, ...] = ()
-    version: FirmwareVersion | None = None
+    kind: str  # kind of the autopilot
+    values: Mapping[str, float] = field(default_factory=dict)  # parameters by name
+    silent: tuple[str, ...] = ()  # parameters that it did not answer
+    version: FirmwareVersion | None = None  # version of its firmware; None: it did not answer
 
 
 def braking_position_modes(version: FirmwareVersion) -> tuple[int, ...]:
@@ -70,18 +64,13 @@ def position_mode_fault(facts: AutopilotFacts) -> str:
 
 @dataclass(frozen=True, slots=True)
 class ParameterFault:
-    """A parameter whose value keeps the vehicle from braking, or may.
+    """A parameter whose value keeps the vehicle from braking, or may."""
 
-    Attributes:
-        text: the fault and what to do.
-        name: the parameter.
-        to: the value that `companion doctor --apply` writes; None: none, since the value is a matter of preference.
-        effect: what the autopilot does with that value, as text."""
-
-    text: str
-    name: str
+    text: str  # the fault and what to do
+    name: str  # the parameter
+    # the value that `companion doctor --apply` writes; None: none, since the value is a matter of preference
     to: float | None = None
-    effect: str = ""
+    effect: str = ""  # what the autopilot does with that value, as text
 
 
 def advice(facts: AutopilotFacts, avoid: AvoidParams) -> list[str]:

@@ -60,24 +60,15 @@ INTEGER_FORMATS = {1: "<B", 2: "<b", 3: "<H", 4: "<h", 5: "<I", 6: "<i"}
 
 @dataclass(frozen=True, slots=True)
 class Known:
-    """State of one parameter.
+    """State of one parameter."""
 
-    Attributes:
-        value: the value that counts; None: none yet.
-        tries: requests since the last answer.
-        asked_ns: instant of the last request.
-        candidate: the newest answer.
-        since_ns: when the newest answer was first received.
-        before: the answer before it.
-        changes: instants of the newest changes."""
-
-    value: float | None = None
-    tries: int = 0
-    asked_ns: int = 0
-    candidate: float | None = None
-    since_ns: int = 0
-    before: float | None = None
-    changes: tuple[int, ...] = ()
+    value: float | None = None  # the value that counts; None: none yet
+    tries: int = 0  # requests since the last answer
+    asked_ns: int = 0  # instant of the last request
+    candidate: float | None = None  # the newest answer
+    since_ns: int = 0  # when the newest answer was first received
+    before: float | None = None  # the answer before it
+    changes: tuple[int, ...] = ()  # instants of the newest changes
 
 
 class ParameterReader:

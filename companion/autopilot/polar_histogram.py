@@ -42,20 +42,15 @@ class SectorState(IntEnum):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SectorScan:
-    """The result for each sector.
+    """The result for each sector."""
 
-    Attributes:
-        state: (72,) uint8 SectorState.
-        distance_m: (72,) float64, from the vehicle's hull to the nearest obstacle; inf: none.
-        free_m: (72,) float64, length from the vehicle's middle over which the sector was seen free; 0: not seen free.
-        azimuth_rad: (72,) float64, direction of the nearest obstacle; the middle of the sector if there is none.
-        lacking: (72, slices, rays) bool, rays of each height slice that were not seen as far as a clear sector
-            requires."""
-
-    state: NDArray[np.uint8]
-    distance_m: NDArray[np.float64]
+    state: NDArray[np.uint8]  # (72,) uint8 SectorState
+    distance_m: NDArray[np.float64]  # (72,) float64, from the vehicle's hull to the nearest obstacle; inf: none
+    # (72,) float64, length from the vehicle's middle over which the sector was seen free; 0: not seen free
     free_m: NDArray[np.float64]
+    # (72,) float64, direction of the nearest obstacle; the middle of the sector if there is none
     azimuth_rad: NDArray[np.float64]
+    # (72, slices, rays) bool, rays of each height slice that were not seen as far as a clear sector requires
     lacking: NDArray[np.bool_]
 
 
@@ -177,13 +172,13 @@ def seen_free(
 
 
 class _SectorRays(NamedTuple):
-    """Samples along the rays of all sectors. x_m, y_m: (72 * rays, ranges); z_m: (slices,) heights in the band; ranges_m:
-    (ranges,) from the vehicle's middle."""
+    """Samples along the rays of all sectors."""
 
+    # x_m, y_m: (72 * rays, ranges)
     x_m: NDArray[np.float64]
     y_m: NDArray[np.float64]
-    z_m: NDArray[np.float64]
-    ranges_m: NDArray[np.float64]
+    z_m: NDArray[np.float64]  # (slices,) heights in the band
+    ranges_m: NDArray[np.float64]  # (ranges,) from the vehicle's middle
 
 
 def _sector_rays(avoid: AvoidParams) -> _SectorRays:

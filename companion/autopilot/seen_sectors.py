@@ -34,22 +34,14 @@ MOST_KEPT = 2
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SectorSight:
-    """The views that a scan was made from.
+    """The views that a scan was made from."""
 
-    Attributes:
-        exposed_ns: (72,) exposure of the newest frame that covers each sector; 0: none.
-        blind: (72,) sectors that a blind camera covers in part.
-        heading_rad: heading of the vehicle, clockwise from north.
-        speed_m_s: horizontal speed; None: not known.
-        now_ns: instant of the decision.
-        down_m_s: vertical speed; None: not known."""
-
-    exposed_ns: NDArray[np.int64]
-    blind: NDArray[np.bool_]
-    heading_rad: float
-    speed_m_s: float | None
-    now_ns: int
-    down_m_s: float | None = None
+    exposed_ns: NDArray[np.int64]  # (72,) exposure of the newest frame that covers each sector; 0: none
+    blind: NDArray[np.bool_]  # (72,) sectors that a blind camera covers in part
+    heading_rad: float  # heading of the vehicle, clockwise from north
+    speed_m_s: float | None  # horizontal speed; None: not known
+    now_ns: int  # instant of the decision
+    down_m_s: float | None = None  # vertical speed; None: not known
 
 
 class SeenSectors:

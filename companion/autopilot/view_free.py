@@ -24,25 +24,16 @@ RING_M = Params().profile_ring_m
 
 @dataclass(frozen=True, slots=True, eq=False)
 class View:
-    """Model of one camera in level at the moment of sending.
-
-    Attributes:
-        model: the model.
-        transform: from the camera's level frame.
-        intrinsics: of the camera; None: not known.
-        R_optical_level: (3, 3) direction of the camera; None: not known.
-        ring_m: step of its free-range profile.
-        open_counts: sectors count open space as free. The memories of obstacles and of free space, and the guard,
-            never do.
-        t_ns: exposure of the frame."""
+    """Model of one camera in level at the moment of sending."""
 
     model: FrameModel
-    transform: LevelTransform
-    intrinsics: Intrinsics | None = None
-    R_optical_level: NDArray[np.float64] | None = None
-    ring_m: float = RING_M
+    transform: LevelTransform  # from the camera's level frame
+    intrinsics: Intrinsics | None = None  # of the camera; None: not known
+    R_optical_level: NDArray[np.float64] | None = None  # (3, 3) direction of the camera; None: not known
+    ring_m: float = RING_M  # step of its free-range profile
+    # sectors count open space as free. The memories of obstacles and of free space, and the guard, never do.
     open_counts: bool = False
-    t_ns: int = 0
+    t_ns: int = 0  # exposure of the frame
 
     @property
     def place_m(self) -> tuple[float, float, float]:

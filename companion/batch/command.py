@@ -37,19 +37,17 @@ _NEAR_M: Final = 2.0
 
 @dataclass(slots=True)
 class BatchReport:
-    """What a run did. skipped: flights whose results were present; unread_files: flight -> its files of which nothing can be
-    read; unreadable: flights without any other file; unread_inputs: files and folders that were left out; without_frames: flights
-    whose logs are readable and have no depth images."""
+    """What a run did."""
 
     flights: int = 0
-    skipped: int = 0
+    skipped: int = 0  # flights whose results were present
     frames: int = 0
     damaged: dict[str, str] = field(default_factory=dict)
-    unread_files: dict[str, int] = field(default_factory=dict)
-    unreadable: int = 0
-    unread_inputs: int = 0
+    unread_files: dict[str, int] = field(default_factory=dict)  # flight -> its files of which nothing can be read
+    unreadable: int = 0  # flights without any other file
+    unread_inputs: int = 0  # files and folders that were left out
     failed: dict[str, str] = field(default_factory=dict)
-    without_frames: list[str] = field(default_factory=list)
+    without_frames: list[str] = field(default_factory=list)  # flights whose logs are readable and have no depth images
     different: list[str] = field(default_factory=list)
     restarted: int = 0
     cpu_s: float = 0.0

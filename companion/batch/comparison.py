@@ -42,10 +42,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(slots=True)
 class FlightDifference:
-    """One flight. Counts are frames unless named otherwise; mean planes are per valid frame.
-
-    missed: valid in both, and the nearest plane of A is missing or farther in B; phantom: the reverse. missed_planes,
-    phantom_planes: planes of A without counterpart in B, and the reverse; None: a dataset has no table of planes."""
+    """The differences of one flight. Counts are frames unless named otherwise; mean planes are per valid frame."""
 
     vehicle: str
     flight: str
@@ -55,14 +52,16 @@ class FlightDifference:
     changed: int = 0
     newly_blind: int = 0
     newly_valid: int = 0
-    missed: int = 0
-    phantom: int = 0
+    missed: int = 0  # valid in both, and the nearest plane of A is missing or farther in B
+    phantom: int = 0  # the reverse of missed
     planes_a: int = 0
     planes_b: int = 0
     valid_a: int = 0
     valid_b: int = 0
     blind_s_a: float = 0.0
     blind_s_b: float = 0.0
+    # missed_planes, phantom_planes: planes of A without counterpart in B, and the reverse; None: a dataset has no table
+    # of planes
     missed_planes: int | None = None
     phantom_planes: int | None = None
 
@@ -81,9 +80,10 @@ class FlightDifference:
 
 @dataclass(slots=True)
 class DatasetDifference:
-    """All flights of both datasets. only_a, only_b: flights of one dataset."""
+    """All flights of both datasets."""
 
     flights: list[FlightDifference] = field(default_factory=list)
+    # only_a, only_b: flights of one dataset
     only_a: list[Name] = field(default_factory=list)
     only_b: list[Name] = field(default_factory=list)
 
@@ -96,12 +96,11 @@ class DatasetDifference:
 
 @dataclass(frozen=True, slots=True)
 class PairedFrames:
-    """The frames of one flight that both datasets have, in order of time. kinds: what differs, "" for nothing, or
-    "changed", "missed", "phantom", "newly_blind", "newly_valid"."""
+    """The frames of one flight that both datasets have, in order of time."""
 
     a: list[dict[str, Any]]
     b: list[dict[str, Any]]
-    kinds: list[str]
+    kinds: list[str]  # what differs, "" for nothing, or "changed", "missed", "phantom", "newly_blind", "newly_valid"
 
 
 class Dataset:

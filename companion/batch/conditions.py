@@ -21,10 +21,10 @@ _OPTIONAL: Final[dict[str, Any]] = {"end_ns": int, "duration_s": int | float}
 
 @dataclass(frozen=True, slots=True)
 class Condition:
-    """Rows of a table. filters: (column, operator, value), all of which hold."""
+    """Rows of a table."""
 
     table: str
-    filters: tuple[tuple[str, str, Any], ...]
+    filters: tuple[tuple[str, str, Any], ...]  # (column, operator, value), all of which hold
     doc: str
 
 
@@ -45,11 +45,11 @@ NAMED: Final[dict[str, Condition]] = {
 
 @dataclass(frozen=True, slots=True, order=True)
 class Hit:
-    """A time span of a log file that fulfils the condition. file: its number in the flight."""
+    """A time span of a log file that fulfils the condition."""
 
     vehicle: str
     flight: str
-    file: int
+    file: int  # its number in the flight
     begin_ns: int
     end_ns: int
 

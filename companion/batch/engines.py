@@ -24,11 +24,11 @@ class EngineName(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Done:
-    """A task that has ended. attempts: how often it was started, where the engine reports it, otherwise 1."""
+    """A task that has ended."""
 
     task: FlightTask
     result: Outcome | Failure
-    attempts: int = 1
+    attempts: int = 1  # how often it was started, where the engine reports it, otherwise 1
 
 
 class Engine(Protocol):

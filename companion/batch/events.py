@@ -27,15 +27,15 @@ class EventKind(StrEnum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FrameSummary:
-    """What events depend on. file: number of the log file; distance_m: of the nearest plane, None: no plane."""
+    """What events depend on."""
 
     camera: str
     t_ns: int
-    file: int
+    file: int  # number of the log file
     valid: bool
     cause: str
     armed: bool | None
-    distance_m: float | None
+    distance_m: float | None  # of the nearest plane, None: no plane
 
 
 @dataclass(slots=True)

@@ -34,15 +34,15 @@ NO_MESSAGE: Final = "the log has no message at these times; process it again wit
 
 @dataclass(frozen=True, slots=True)
 class Clip:
-    """A clip to cut. location: of the log; begin_ns, end_ns: arrival of its messages; flight_s: begin, in seconds of the
-    flight."""
+    """A clip to cut."""
 
     vehicle: str
     flight: str
-    location: str
+    location: str  # of the log
+    # begin_ns, end_ns: arrival of its messages
     begin_ns: int
     end_ns: int
-    flight_s: float
+    flight_s: float  # begin, in seconds of the flight
     output: Path
 
     def as_json(self) -> dict[str, Any]:
@@ -60,13 +60,12 @@ class Clip:
 
 @dataclass(slots=True)
 class Found:
-    """The result. left_out: clips beyond the limit; failed: log -> which of its clips are missing, and why; damaged: logs that
-    end early."""
+    """The result."""
 
     clips: list[Clip] = field(default_factory=list)
-    left_out: int = 0
-    failed: dict[str, str] = field(default_factory=dict)
-    damaged: dict[str, str] = field(default_factory=dict)
+    left_out: int = 0  # clips beyond the limit
+    failed: dict[str, str] = field(default_factory=dict)  # log -> which of its clips are missing, and why
+    damaged: dict[str, str] = field(default_factory=dict)  # logs that end early
 
 
 def plan_clips(dataset: str, hits: Iterable[Hit], folder: Path, before_s: float, after_s: float) -> list[Clip]:

@@ -21,10 +21,10 @@ _UNSAFE = re.compile(r"[^\w.-]")
 
 @dataclass(frozen=True, slots=True)
 class Flight:
-    """A flight and its log files in the order of recording. date: YYYY-MM-DD of the label in the file names."""
+    """A flight and its log files in the order of recording."""
 
     vehicle: str
-    date: str
+    date: str  # YYYY-MM-DD of the label in the file names
     name: str
     files: tuple[StoredFile, ...]
 

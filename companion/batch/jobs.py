@@ -11,37 +11,35 @@ from .flights import Flight
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BatchOptions:
-    """How every flight is processed. config None: that in each log; near_m: see the event near_pass; planes: write the
-    table `planes`; logs: write the replayed logs too."""
+    """How every flight is processed."""
 
-    config: Config | None = None
-    near_m: float = 2.0
-    planes: bool = False
-    logs: bool = False
+    config: Config | None = None  # None: that in each log
+    near_m: float = 2.0  # see the event near_pass
+    planes: bool = False  # write the table `planes`
+    logs: bool = False  # write the replayed logs too
 
 
 @dataclass(frozen=True, slots=True)
 class FlightTask:
-    """One flight to process into a dataset. software: of the process that made the task."""
+    """One flight to process into a dataset."""
 
     flight: Flight
     output: str
     options: BatchOptions
-    software: str
+    software: str  # of the process that made the task
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Outcome:
-    """The summary of a processed flight. unread_files: of which nothing can be read; cpu_s: processor time; peak_mb: largest
-    memory of the process so far."""
+    """The summary of a processed flight."""
 
     frames: int
     damage: str | None
-    unread_files: int
+    unread_files: int  # of which nothing can be read
     equals_onboard: bool | None
-    cpu_s: float
+    cpu_s: float  # processor time
     wall_s: float
-    peak_mb: float
+    peak_mb: float  # largest memory of the process so far
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,11 +11,11 @@ SCHEMA_VERSION: Final = 1
 
 @dataclass(frozen=True, slots=True)
 class ColumnType:
-    """A column. kind: name of a pyarrow type; doc: its meaning."""
+    """A column."""
 
     name: str
-    kind: str
-    doc: str
+    kind: str  # name of a pyarrow type
+    doc: str  # its meaning
 
 
 def _columns(text: str) -> tuple[ColumnType, ...]:

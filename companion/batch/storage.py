@@ -35,9 +35,9 @@ _LIBRARIES: Final = {
 
 @dataclass(frozen=True, slots=True, order=True)
 class StoredFile:
-    """A log file. location: an absolute path or a URL."""
+    """A log file."""
 
-    location: str
+    location: str  # an absolute path or a URL
     size: int
 
     @property

@@ -36,15 +36,14 @@ BUSY: Final = 1.2
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Bench:
-    """ready_s: time to load (at the first run: compile) all kernels in a separate process; first_s: time of the first
-    frame; measured: by view; hz: frame rate of the assessed camera."""
+    """The result of the command."""
 
     size: tuple[int, int]
     frames: int
-    hz: float
-    ready_s: float
-    first_s: float
-    measured: tuple[Measured, ...]
+    hz: float  # frame rate of the assessed camera
+    ready_s: float  # time to load (at the first run: compile) all kernels in a separate process
+    first_s: float  # time of the first frame
+    measured: tuple[Measured, ...]  # by view
     host_info: HostInfo
     versions: dict[str, str]
 

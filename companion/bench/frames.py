@@ -33,14 +33,12 @@ Progress = Callable[[float], None]
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class FrameSequence:
-    """Images of one view that differ in noise only, so that consecutive frames differ.
-
-    depth_mm: (H, W) uint16 each; R_level_optical: (3, 3)."""
+    """Images of one view that differ in noise only, so that consecutive frames differ."""
 
     name: str
     info: CameraInfo
-    R_level_optical: NDArray[np.float64]
-    depth_mm: tuple[Depth, ...]
+    R_level_optical: NDArray[np.float64]  # (3, 3)
+    depth_mm: tuple[Depth, ...]  # (H, W) uint16 each
 
     def __post_init__(self) -> None:
         if not self.depth_mm:

@@ -17,14 +17,13 @@ _BOARD: Final = Path("/proc/device-tree/model")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HostInfo:
-    """processor: its model name; cores: usable by this process; governor: of the clock frequency, "" if unknown; board:
-    of a single-board computer, "" otherwise."""
+    """The computer."""
 
-    processor: str
+    processor: str  # its model name
     architecture: str
-    cores: int
-    governor: str
-    board: str
+    cores: int  # usable by this process
+    governor: str  # of the clock frequency, "" if unknown
+    board: str  # of a single-board computer, "" otherwise
     system: str
 
     def text(self) -> str:

@@ -19,11 +19,11 @@ ONE_THREAD: Final = dict.fromkeys(_THREADS, "1")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Times:
-    """wall_ms, cpu_ms: (N,) float64 of N runs. Processor time excludes that of other programs, but not their effect on
-    caches and clock frequency."""
+    """Times of N runs. Processor time excludes that of other programs, but not their effect on caches and clock
+    frequency."""
 
-    wall_ms: NDArray[np.float64]
-    cpu_ms: NDArray[np.float64]
+    wall_ms: NDArray[np.float64]  # (N,) float64
+    cpu_ms: NDArray[np.float64]  # (N,) float64
 
     def __post_init__(self) -> None:
         if not len(self.wall_ms) == len(self.cpu_ms) > 0:

@@ -60,21 +60,20 @@ class CameraCondition(StrEnum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CameraStatus:
-    """State of a camera. cause: why it does not run; since_ns: time of the last change of condition; last_loss: cause
-    of the last restart; last_loss_ns: time of that cause, None: none yet; notice: `DepthSource.notice` of the opened camera."""
+    """State of a camera."""
 
     camera: str
     condition: CameraCondition
-    cause: str
-    since_ns: int
+    cause: str  # why it does not run
+    since_ns: int  # time of the last change of condition
     frames: int = 0
     dropped: int = 0
     starts: int = 0
-    last_loss: str = ""
-    last_loss_ns: int | None = None
+    last_loss: str = ""  # cause of the last restart
+    last_loss_ns: int | None = None  # time of that cause, None: none yet
     last_arrival_ns: int | None = None
     info: CameraInfo | None = None
-    notice: str = ""
+    notice: str = ""  # `DepthSource.notice` of the opened camera
     alive_ns: int = 0
 
 

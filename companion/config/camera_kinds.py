@@ -8,26 +8,23 @@ from typing import Final
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CameraKind:
-    """One kind of live camera. CONTRIBUTING describes how to add one.
+    """One kind of live camera. CONTRIBUTING describes how to add one."""
 
-    Attributes:
-        needs: keys of `[[camera]]` that must be set, since neither the device nor a default gives them.
-        is_video: its device is a path below /dev; another path is a file, whose images would count as taken now.
-        owns_device: no two cameras may have the same device.
-        width_px, height_px, fps, max_range_m: written by `companion setup`, as in the shipped configuration.
-        clear_m: distance to which a clear sector is seen free, written by `companion setup` as `[avoid] max_distance_m`. Less
-            than what noise and bias leave of the range, so that more noise than assumed does not close every direction.
-        typical_range_m, typical_ke_per_m, typical_bias_per_m: what its driver reports of a common model, for checks that do
-            not open the device."""
-
+    # keys of `[[camera]]` that must be set, since neither the device nor a default gives them
     needs: tuple[str, ...] = ()
+    # its device is a path below /dev; another path is a file, whose images would count as taken now
     is_video: bool = False
-    owns_device: bool = True
+    owns_device: bool = True  # no two cameras may have the same device
+    # width_px, height_px, fps, max_range_m: written by `companion setup`, as in the shipped configuration
     width_px: int
     height_px: int
     fps: float = 30.0
     max_range_m: float
+    # distance to which a clear sector is seen free, written by `companion setup` as `[avoid] max_distance_m`. Less than
+    # what noise and bias leave of the range, so that more noise than assumed does not close every direction.
     clear_m: float
+    # typical_range_m, typical_ke_per_m, typical_bias_per_m: what its driver reports of a common model, for checks that
+    # do not open the device
     typical_range_m: float
     typical_ke_per_m: float
     typical_bias_per_m: float

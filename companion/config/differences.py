@@ -14,10 +14,10 @@ from .sections import SECTIONS, fields_of
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Difference:
-    """One key whose value is not its default. camera: the name of the [[camera]], empty elsewhere."""
+    """One key whose value is not its default."""
 
     section: str
-    camera: str
+    camera: str  # the name of the [[camera]], empty elsewhere
     key: str
     value: Any
     default: Any

@@ -54,21 +54,21 @@ BUSY_SHARE = 0.1
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DemoOptions:
-    """folder: output directory; width_px None: as configured."""
+    """Options of the demo."""
 
-    folder: Path = OUTPUT
+    folder: Path = OUTPUT  # output directory
     seconds: float = SECONDS
-    width_px: int | None = None
+    width_px: int | None = None  # None: as configured
     config: Path | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Demo:
-    """The results. log: of the service; replay: of that log, compared with the recorded results."""
+    """The results."""
 
-    log: Path
+    log: Path  # of the service
     live: LiveRun
-    replay: Replay
+    replay: Replay  # of that log, compared with the recorded results
     views: Views
 
 

@@ -23,13 +23,13 @@ POLL_MS = 100
 
 @dataclass(slots=True)
 class ReceiveStats:
-    """Counts of a subscriber. age_ms: (p50, p99) from exposure to reception of valid frames."""
+    """Counts of a subscriber."""
 
     messages: int = 0
     valid: int = 0
     planes: int = 0
     bytes: int = 0
-    age_ms: tuple[float, float] = (0.0, 0.0)
+    age_ms: tuple[float, float] = (0.0, 0.0)  # (p50, p99) from exposure to reception of valid frames
     causes: dict[str, int] = field(default_factory=dict)
     """Number of invalid frames by code of the cause."""
     texts: dict[str, int] = field(default_factory=dict)

@@ -43,11 +43,11 @@ class DemoError(Exception):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LiveRun:
-    """The result of the flight. log: the recorder's file; health: the last report; received: by the subscriber."""
+    """The result of the flight."""
 
-    log: Path
-    health: pb.Health
-    received: ReceiveStats
+    log: Path  # the recorder's file
+    health: pb.Health  # the last report
+    received: ReceiveStats  # by the subscriber
     duration_s: float
 
 

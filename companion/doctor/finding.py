@@ -7,10 +7,9 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """One checked part. ok: no fault was found; text: the result, and the remedy of a fault; code: of DiagnosticCode, empty
-    when ok, and for a mistake that only the doctor finds."""
+    """One checked part."""
 
     part: str
-    ok: bool
-    text: str
-    code: str = ""
+    ok: bool  # no fault was found
+    text: str  # the result, and the remedy of a fault
+    code: str = ""  # of DiagnosticCode, empty when ok, and for a mistake that only the doctor finds

@@ -149,12 +149,12 @@ class MountMeasurement:
 
 @dataclass(frozen=True, slots=True)
 class MountFinding:
-    """The result of one camera. lines: for the configuration; empty: there is no result."""
+    """The result of one camera."""
 
     camera: str
     ok: bool
     text: str
-    lines: tuple[str, ...] = ()
+    lines: tuple[str, ...] = ()  # for the configuration; empty: there is no result
 
 
 def finding_of(measurement: MountMeasurement) -> MountFinding:

@@ -67,32 +67,20 @@ class Action(StrEnum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Verdict:
-    """Verdict on the path at an instant.
+    """Verdict on the path at an instant."""
 
-    Attributes:
-        action: what the vehicle should do.
-        speed_m_s: measured speed; None: not known.
-        predicted_m_s: speed when a limit would have an effect.
-        allowed_m_s: greatest speed for which the braking distance fits for another LIMIT_AHEAD_S.
-        room_m: free distance from the vehicle's middle.
-        obstacle: an obstacle limits it; otherwise the path is not seen beyond.
-        sees: the newest frame shows something of the path.
-        cause: reason, as text.
-        obstacle_stop: the braking distance does not fit before an obstacle, whatever space is free.
-        firm_stop: it does not fit before an obstacle that the newest frame and another one show with many pixels.
-        course_rad: direction of the path, clockwise from north; None: not known."""
-
-    action: Action
-    speed_m_s: float | None
-    predicted_m_s: float
-    allowed_m_s: float
-    room_m: float
-    obstacle: bool
-    sees: bool
-    cause: str
-    obstacle_stop: bool = False
+    action: Action  # what the vehicle should do
+    speed_m_s: float | None  # measured speed; None: not known
+    predicted_m_s: float  # speed when a limit would have an effect
+    allowed_m_s: float  # greatest speed for which the braking distance fits for another LIMIT_AHEAD_S
+    room_m: float  # free distance from the vehicle's middle
+    obstacle: bool  # an obstacle limits it; otherwise the path is not seen beyond
+    sees: bool  # the newest frame shows something of the path
+    cause: str  # reason, as text
+    obstacle_stop: bool = False  # the braking distance does not fit before an obstacle, whatever space is free
+    # it does not fit before an obstacle that the newest frame and another one show with many pixels
     firm_stop: bool = False
-    course_rad: float | None = None
+    course_rad: float | None = None  # direction of the path, clockwise from north; None: not known
 
 
 class PathAssessor:

@@ -25,18 +25,12 @@ FAILED_AFTER = 3
 
 @dataclass(slots=True)
 class Attempt:
-    """The newest attempt to stop.
+    """The newest attempt to stop."""
 
-    Attributes:
-        method: method of the stop.
-        command: MAV_CMD.
-        t_ns: instant of sending.
-        result: MAV_RESULT; None: not acknowledged."""
-
-    method: StopMethod
-    command: int
-    t_ns: int
-    result: int | None = None
+    method: StopMethod  # method of the stop
+    command: int  # MAV_CMD
+    t_ns: int  # instant of sending
+    result: int | None = None  # MAV_RESULT; None: not acknowledged
 
     @property
     def refused(self) -> bool:

@@ -19,16 +19,11 @@ LIMIT_AHEAD_S = 1.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Braking:
-    """Parameters of the braking distance.
+    """Parameters of the braking distance."""
 
-    Attributes:
-        reaction_s: time before the vehicle decelerates.
-        deceleration_m_s2: deceleration.
-        margin_m: distance that must remain, from the vehicle's middle."""
-
-    reaction_s: float
+    reaction_s: float  # time before the vehicle decelerates
     deceleration_m_s2: float
-    margin_m: float
+    margin_m: float  # distance that must remain, from the vehicle's middle
 
     def needed_m(self, speed_m_s: float, ahead_s: float = 0.0) -> float:
         """Returns the distance from the vehicle's middle that must be free.

@@ -28,17 +28,13 @@ PIECE_M = 2.0
 
 @dataclass(frozen=True, slots=True)
 class Path:
-    """The middle of a corridor.
+    """The middle of a corridor."""
 
-    Attributes:
-        cos, sin: its direction in level.
-        slope: dz/ds, positive down.
-        from_m: obstacles nearer than this do not lie in the corridor."""
-
+    # cos, sin: its direction in level
     cos: float
     sin: float
-    slope: float
-    from_m: float = 0.0
+    slope: float  # dz/ds, positive down
+    from_m: float = 0.0  # obstacles nearer than this do not lie in the corridor
 
     def beside(self, angle_rad: float, from_m: float = 0.0) -> Path:
         """Returns a path at an angle clockwise from this one."""
@@ -53,19 +49,14 @@ def half_width_m(avoid: AvoidParams, guard: GuardParams) -> float:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Samples:
-    """Places on the rays of a corridor.
+    """Places on the rays of a corridor."""
 
-    Attributes:
-        along_m: (N,) distances along the path.
-        x, y: (ACROSS, N).
-        z: (heights,) of a level path.
-        slope: of the path."""
-
-    along_m: Floats
+    along_m: Floats  # (N,) distances along the path
+    # x, y: (ACROSS, N)
     x: Floats
     y: Floats
-    z: Floats
-    slope: float
+    z: Floats  # (heights,) of a level path
+    slope: float  # of the path
 
     def found(self, free: FreePlaces) -> Bools:
         """Returns which samples are free, (heights, ACROSS, N)."""

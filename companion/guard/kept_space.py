@@ -37,16 +37,11 @@ class Tolerance:
 
 @dataclass(frozen=True, slots=True)
 class Grid:
-    """Rays of a corridor.
+    """Rays of a corridor."""
 
-    Attributes:
-        heights: number of heights, each with ACROSS rays.
-        inner: heights of which each must be seen free.
-        within: greatest displacement at which the rays of an eroded sight count."""
-
-    heights: int
-    inner: slice
-    within: Tolerance
+    heights: int  # number of heights, each with ACROSS rays
+    inner: slice  # heights of which each must be seen free
+    within: Tolerance  # greatest displacement at which the rays of an eroded sight count
 
 
 @dataclass(frozen=True, slots=True)

@@ -32,26 +32,18 @@ def measured_free(view: View, x: Floats, y: Floats, z: Floats) -> Bools:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class KeptRays:
-    """The rays of the present corridor by frames of a moment ago.
+    """The rays of the present corridor by frames of a moment ago."""
 
-    Attributes:
-        exposed_ns: oldest exposure of the frames.
-        free_m: (N,) distance to which each ray is seen free."""
-
-    exposed_ns: int
-    free_m: Floats
+    exposed_ns: int  # oldest exposure of the frames
+    free_m: Floats  # (N,) distance to which each ray is seen free
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class KeptDecision:
-    """Views of one decision, for places in `level` at another one.
+    """Views of one decision, for places in `level` at another one."""
 
-    Attributes:
-        then_now: transform of such places to `level` at the decision of the views.
-        views: each with its exposure in ns, the youngest first."""
-
-    then_now: LevelTransform
-    views: tuple[tuple[View, int], ...] = ()
+    then_now: LevelTransform  # transform of such places to `level` at the decision of the views
+    views: tuple[tuple[View, int], ...] = ()  # each with its exposure in ns, the youngest first
 
     def rays(self, samples: Samples) -> Iterator[KeptRays]:
         """Yields the rays of a corridor by the youngest view, by the two youngest ones, and so on.

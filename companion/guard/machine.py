@@ -58,15 +58,11 @@ control."""
 class GuardMachine:
     """The state machine of the guard.
 
-    `step` is called ten times per second or more, `acknowledged` for each COMMAND_ACK that answers the guard.
-
-    Attributes:
-        guard: parameters.
-        memory: the state, which outlives the process.
-        received_ns: instant at which the vehicle was last received, also in an earlier run; None: never."""
+    `step` is called ten times per second or more, `acknowledged` for each COMMAND_ACK that answers the guard."""
 
     guard: GuardParams
-    memory: GuardMemory = field(default_factory=GuardMemory)
+    memory: GuardMemory = field(default_factory=GuardMemory)  # the state, which outlives the process
+    # instant at which the vehicle was last received, also in an earlier run; None: never
     received_ns: int | None = None
     _limiter: SpeedLimiter = field(init=False)
     _attempt: Attempt | None = None

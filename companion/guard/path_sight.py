@@ -44,62 +44,38 @@ Frame = tuple[str, int]
 
 @dataclass(frozen=True, slots=True)
 class _Nearest:
-    """The nearest obstacle.
+    """The nearest obstacle."""
 
-    Attributes:
-        m: distance along the path; inf: none.
-        frame: the frame that shows it."""
-
-    m: float = math.inf
-    frame: Frame | None = None
+    m: float = math.inf  # distance along the path; inf: none
+    frame: Frame | None = None  # the frame that shows it
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PathSight:
-    """What one decision shows of the path.
+    """What one decision shows of the path."""
 
-    Attributes:
-        t_ns: instant of the decision.
-        exposed_ns: exposure of the oldest frame in use; None: none is.
-        speed_m_s: horizontal speed; None: not known.
-        course_rad: direction of the path, clockwise from north; None: heading not known.
-        free_m: distance from the vehicle's middle to which the path is seen free.
-        obstacle_m: nearest obstacle in the path; inf: none.
-        weak_obstacle_m: nearest obstacle with weak support, which needs a second frame; inf: none.
-        position_ned_m: of the vehicle; None: not known.
-        cause: why nothing is seen, as text; empty: something is.
-        remembered_m: nearest obstacle that was seen before, where no camera looks now; inf: none.
-        ahead_free_m: like free_m, along the course that follows in a turn; inf: no turn.
-        obstacle_frame: frame that shows the obstacle at obstacle_m; None: not known.
-        weak_frame: frame that shows the obstacle at weak_obstacle_m; None: not known.
-        velocity_ns: instant of the velocity; None: that of the decision.
-        slope: way down per metre along the path.
-        rays_free_m: (N,) distance to which each ray of the corridor is seen free; None: not known.
-        kept_rays: the same by the frames of the last moment; empty: no such frame can be compared.
-        ahead_rad: angle from the path to the course that follows, clockwise.
-        estimate: section of the position, None: not known; and section of the heading.
-        shown_ns: instant at whose place of the vehicle the distances begin; None: that of the decision."""
-
-    t_ns: int
-    exposed_ns: int | None
-    speed_m_s: float | None
-    course_rad: float | None
-    free_m: float
-    obstacle_m: float
-    weak_obstacle_m: float
-    position_ned_m: tuple[float, float, float] | None
-    cause: str = ""
-    remembered_m: float = math.inf
-    ahead_free_m: float = math.inf
-    obstacle_frame: Frame | None = None
-    weak_frame: Frame | None = None
-    velocity_ns: int | None = None
-    slope: float = 0.0
+    t_ns: int  # instant of the decision
+    exposed_ns: int | None  # exposure of the oldest frame in use; None: none is
+    speed_m_s: float | None  # horizontal speed; None: not known
+    course_rad: float | None  # direction of the path, clockwise from north; None: heading not known
+    free_m: float  # distance from the vehicle's middle to which the path is seen free
+    obstacle_m: float  # nearest obstacle in the path; inf: none
+    weak_obstacle_m: float  # nearest obstacle with weak support, which needs a second frame; inf: none
+    position_ned_m: tuple[float, float, float] | None  # of the vehicle; None: not known
+    cause: str = ""  # why nothing is seen, as text; empty: something is
+    remembered_m: float = math.inf  # nearest obstacle that was seen before, where no camera looks now; inf: none
+    ahead_free_m: float = math.inf  # like free_m, along the course that follows in a turn; inf: no turn
+    obstacle_frame: Frame | None = None  # frame that shows the obstacle at obstacle_m; None: not known
+    weak_frame: Frame | None = None  # frame that shows the obstacle at weak_obstacle_m; None: not known
+    velocity_ns: int | None = None  # instant of the velocity; None: that of the decision
+    slope: float = 0.0  # way down per metre along the path
+    # (N,) distance to which each ray of the corridor is seen free; None: not known
     rays_free_m: Floats | None = field(default=None, compare=False)
+    # the same by the frames of the last moment; empty: no such frame can be compared
     kept_rays: tuple[KeptRays, ...] = field(default=(), compare=False)
-    ahead_rad: float = 0.0
-    estimate: tuple[int | None, int] = (None, 0)
-    shown_ns: int | None = None
+    ahead_rad: float = 0.0  # angle from the path to the course that follows, clockwise
+    estimate: tuple[int | None, int] = (None, 0)  # section of the position, None: not known; and section of the heading
+    shown_ns: int | None = None  # instant at whose place of the vehicle the distances begin; None: that of the decision
 
     def frame_of(self, obstacle_m: float) -> Frame:
         """Returns the frame that shows the obstacle at this distance, obstacle_m or weak_obstacle_m."""

@@ -43,18 +43,12 @@ class LimitState(Enum):
 
 @dataclass(slots=True)
 class SpeedLimiter:
-    """Decides which limit to send; see `wanted`.
-
-    Attributes:
-        guard: parameters.
-        speed_m_s: the limit in force; 0: none.
-        fastest_m_s: speed of the vehicle just before the first limit.
-        state: what the newest command has become."""
+    """Decides which limit to send; see `wanted`."""
 
     guard: GuardParams
-    speed_m_s: float = 0.0
-    fastest_m_s: float = 0.0
-    state: LimitState = LimitState.IN_USE
+    speed_m_s: float = 0.0  # the limit in force; 0: none
+    fastest_m_s: float = 0.0  # speed of the vehicle just before the first limit
+    state: LimitState = LimitState.IN_USE  # what the newest command has become
     _sent_ns: int | None = None
     _result: int | None = None
     _tries: int = 0

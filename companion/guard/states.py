@@ -33,59 +33,35 @@ INTERVENES = frozenset({GuardState.STOPPING, GuardState.HOLDING})
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GuardMemory:
-    """The part of the guard's state that outlives the process.
+    """The part of the guard's state that outlives the process."""
 
-    Attributes:
-        state: state of the guard.
-        kind: kind of the autopilot.
-        system_id: MAVLink system of the vehicle.
-        mode: custom_mode in which the state began.
-        t_ns: instant of the last change, monotonic.
-        stop_modes: custom_modes of the stop commands that were sent.
-        taken: a heartbeat has shown one of them.
-        attempts: number of stop commands.
-        limit_m_s: commanded speed limit; 0: none.
-        fastest_m_s: speed just before the limit.
-        seen: the path was seen since take-off.
-        blind_stop: the vehicle was stopped because the path was not seen. It is not stopped for that again before the
-            path is seen.
-        cause: reason of the state, as text."""
-
-    state: GuardState = GuardState.INACTIVE
-    kind: str = ""
-    system_id: int = 0
-    mode: int = 0
-    t_ns: int = 0
-    stop_modes: tuple[int, ...] = ()
-    taken: bool = False
-    attempts: int = 0
-    limit_m_s: float = 0.0
-    fastest_m_s: float = 0.0
-    seen: bool = False
+    state: GuardState = GuardState.INACTIVE  # state of the guard
+    kind: str = ""  # kind of the autopilot
+    system_id: int = 0  # MAVLink system of the vehicle
+    mode: int = 0  # custom_mode in which the state began
+    t_ns: int = 0  # instant of the last change, monotonic
+    stop_modes: tuple[int, ...] = ()  # custom_modes of the stop commands that were sent
+    taken: bool = False  # a heartbeat has shown one of them
+    attempts: int = 0  # number of stop commands
+    limit_m_s: float = 0.0  # commanded speed limit; 0: none
+    fastest_m_s: float = 0.0  # speed just before the limit
+    seen: bool = False  # the path was seen since take-off
+    # the vehicle was stopped because the path was not seen. It is not stopped for that again before the path is seen.
     blind_stop: bool = False
-    cause: str = ""
+    cause: str = ""  # reason of the state, as text
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GuardInput:
-    """Input of a step.
+    """Input of a step."""
 
-    Attributes:
-        now_ns: monotonic.
-        vehicle: the autopilot that is received; None: none.
-        doubt: why it is not certain that commands reach this vehicle alone, as text; empty: it is certain.
-        in_air: the vehicle flies.
-        verdict: the verdict on the path; None: the speed or the path is not known.
-        near_ground: the vehicle takes off or lands.
-        silent: the vehicle acknowledged commands before and does not any more."""
-
-    now_ns: int
-    vehicle: Vehicle | None
-    doubt: str
-    in_air: bool
-    verdict: Verdict | None
-    near_ground: bool = False
-    silent: bool = False
+    now_ns: int  # monotonic
+    vehicle: Vehicle | None  # the autopilot that is received; None: none
+    doubt: str  # why it is not certain that commands reach this vehicle alone, as text; empty: it is certain
+    in_air: bool  # the vehicle flies
+    verdict: Verdict | None  # the verdict on the path; None: the speed or the path is not known
+    near_ground: bool = False  # the vehicle takes off or lands
+    silent: bool = False  # the vehicle acknowledged commands before and does not any more
 
 
 @dataclass(frozen=True, slots=True)

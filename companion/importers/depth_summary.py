@@ -17,10 +17,10 @@ MOST: Final = 0.95
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DepthSummary:
-    """measured_share: of the pixels; reach_m: distance below which 95 % of the measured pixels are; 0 without any."""
+    """What the depth images of a recording contain."""
 
-    measured_share: float
-    reach_m: float
+    measured_share: float  # of the pixels
+    reach_m: float  # distance below which 95 % of the measured pixels are; 0 without any
 
     def __str__(self) -> str:
         if not self.measured_share:

@@ -32,10 +32,10 @@ _short.maxlist, _short.maxstring = 12, 60
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FrameRow:
-    """One row of frames.csv. line: line number in the file, 1 is the heading; number: of the row, the frame's sequence."""
+    """One row of frames.csv."""
 
-    line: int
-    number: int
+    line: int  # line number in the file, 1 is the heading
+    number: int  # of the row, the frame's sequence
     file: str
     t_ns: int
     euler_rad: tuple[float, float, float] | None

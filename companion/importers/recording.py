@@ -36,11 +36,11 @@ _LIST_COLUMNS = ("sequence", "file")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Imported:
-    """The result of an import. frames: kept frames; frames_named: frames in the recording."""
+    """The result of an import."""
 
     output: Path
-    frames: int
-    frames_named: int
+    frames: int  # kept frames
+    frames_named: int  # frames in the recording
     attitudes: int
     poses: int
     duration_s: float

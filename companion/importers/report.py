@@ -33,16 +33,15 @@ class RosTopics:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ImportOptions:
-    """camera: name and overrides of the recording. frame_latency_s: from mid-exposure to arrival where the recording
-    does not contain it. tlog_epoch_us: unix microseconds of t_ns 0. system_id: of the vehicle, if the log has several.
-    """
+    """Options of an import."""
 
+    # name and overrides of the recording
     camera: CameraConfig = field(default_factory=lambda: CameraConfig(name="front"))
-    frame_latency_s: float = LATENCY_S
+    frame_latency_s: float = LATENCY_S  # from mid-exposure to arrival where the recording does not contain it
     tlog: Path | None = None
     use_tlog: bool = True
-    tlog_epoch_us: int | None = None
-    system_id: int | None = None
+    tlog_epoch_us: int | None = None  # unix microseconds of t_ns 0
+    system_id: int | None = None  # of the vehicle, if the log has several
     topics: RosTopics = field(default_factory=RosTopics)
     sync: SyncParams = field(default_factory=SyncParams)
 

@@ -32,13 +32,12 @@ _SQLITE: Final = b"SQLite format 3\0"
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RosItem:
-    """One message, not yet decoded. kind: type without `msg/`; decode: gives the message, None where it does not fit its
-    definition."""
+    """One message, not yet decoded."""
 
     topic: str
-    kind: str
+    kind: str  # type without `msg/`
     log_ns: int
-    decode: Callable[[], Any]
+    decode: Callable[[], Any]  # gives the message, None where it does not fit its definition
 
 
 class RosRecording(Protocol):

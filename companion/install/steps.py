@@ -29,13 +29,12 @@ class InstallError(ValueError):
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """text: description; done: nothing to do; act: runs the step, raises InstallError or OSError; missing: only in a dry
-    run, what the user has to do first."""
+    """A step of the installation."""
 
-    text: str
-    done: bool
-    act: Callable[[], None]
-    missing: bool = False
+    text: str  # description
+    done: bool  # nothing to do
+    act: Callable[[], None]  # runs the step, raises InstallError or OSError
+    missing: bool = False  # only in a dry run, what the user has to do first
 
 
 @dataclass(frozen=True, slots=True)

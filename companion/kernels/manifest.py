@@ -24,15 +24,12 @@ MANIFEST: Final = "manifest.json"
 
 @dataclass(frozen=True, slots=True)
 class Manifest:
-    """Content of a manifest.
+    """Content of a manifest."""
 
-    Attributes:
-        closures: the import closures of the modules, by which the folders of their kernels are named.
-        groups: the groups whose kernels are all compiled.
-        files: modification time in ns and SHA-256 of each file of kernels, by its path relative to the directory."""
-
+    # the import closures of the modules, by which the folders of their kernels are named
     closures: dict[str, Closure] = field(default_factory=dict)
-    groups: Sequence[str] = ()
+    groups: Sequence[str] = ()  # the groups whose kernels are all compiled
+    # modification time in ns and SHA-256 of each file of kernels, by its path relative to the directory
     files: dict[str, tuple[int, str]] = field(default_factory=dict)
 
 

@@ -28,12 +28,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LinkCallbacks:
-    """Receivers of the data of the link, called in its thread.
-
-    frame: gets raw MAVLink frames for the log, with the time of arrival in ns; None: they are not recorded."""
+    """Receivers of the data of the link, called in its thread."""
 
     samples: Callable[[list[AttitudeSample | PoseSample]], None]
     message: Callable[[Any, int], None]
+    # gets raw MAVLink frames for the log, with the time of arrival in ns; None: they are not recorded
     frame: Callable[[bytes, int], None] | None
 
 

@@ -54,15 +54,14 @@ CLOCK_SOURCES = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CameraView:
-    """State of a camera in the health report. blind: why it is blind, as text; empty: it is not. last_loss_age_ns: time
-    since the cause of its last restart; None: never restarted."""
+    """State of a camera in the health report."""
 
     status: CameraStatus
     required: bool
-    blind: str
+    blind: str  # why it is blind, as text; empty: it is not
     age_ns: int | None
     hz: float
-    last_loss_age_ns: int | None = None
+    last_loss_age_ns: int | None = None  # time since the cause of its last restart; None: never restarted
     exposure_offset: ExposureOffset | None = None
     mount: pb.MountHealth | None = None
 

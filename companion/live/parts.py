@@ -31,7 +31,7 @@ LINK_OPEN_NS = 2 * NS
 
 @dataclass(slots=True, kw_only=True)
 class Parts:
-    """The parts of the service. None: not configured; world, allow: not opened yet.
+    """The parts of the service. None: not configured.
 
     Required are the pipeline, the link, the obstacle output, the guard and the supervision of each camera: without one of
     them the service ends. The others report their faults."""
@@ -48,8 +48,8 @@ class Parts:
     share: ShareService | None = None
     recorder: Recorder | None = None
     metrics: MetricsServer | None = None
-    world: WorldThread | None = None
-    allow: AllowList | None = None
+    world: WorldThread | None = None  # None: or not opened yet
+    allow: AllowList | None = None  # None: or not opened yet
 
     def camera_statuses(self) -> dict[str, CameraStatus]:
         """The status of each camera, by name."""

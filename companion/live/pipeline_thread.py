@@ -40,16 +40,12 @@ Motion = AttitudeSample | PoseSample
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Receivers:
-    """Receivers of what the thread makes, called by it.
+    """Receivers of what the thread makes, called by it."""
 
-    Attributes:
-        result: gets each result and its encoded message.
-        tracks: gets the tracked obstacles, after the frame's results.
-        frame: gets each depth frame after its results."""
-
-    result: Callable[[PrismsResult, bytes], None]
+    result: Callable[[PrismsResult, bytes], None]  # gets each result and its encoded message
+    # gets the tracked obstacles, after the frame's results
     tracks: Callable[[TracksResult, bytes], None] = lambda result, data: None
-    frame: Callable[[DepthFrame], None] = lambda frame: None
+    frame: Callable[[DepthFrame], None] = lambda frame: None  # gets each depth frame after its results
 
 
 class PipelineThread:

@@ -30,12 +30,12 @@ class LogRemovedError(OSError):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Begin:
-    """The content at the beginning of a file. idle: the vehicle is disarmed."""
+    """The content at the beginning of a file."""
 
     t_ns: int
     cameras: tuple[CameraInfo, ...]
     state: PipelineState
-    idle: bool = False
+    idle: bool = False  # the vehicle is disarmed
 
 
 def begin_bytes(params: RecordParams) -> int:

@@ -38,16 +38,15 @@ _REGULAR: Final = ("depth", "attitude", "pose")
 
 @dataclass(slots=True)
 class TopicInfo:
-    """The messages of one type on a topic. times_ns: of their records, in file order; undecodable: number of messages that
-    could not be decoded; fault: of the first of these."""
+    """The messages of one type on a topic."""
 
     topic: str
     schema: str
     key: str | None
     size: int = 0
-    undecodable: int = 0
-    fault: str = ""
-    times_ns: list[int] = field(default_factory=list)
+    undecodable: int = 0  # number of messages that could not be decoded
+    fault: str = ""  # of the first of these
+    times_ns: list[int] = field(default_factory=list)  # of their records, in file order
 
     @property
     def intervals_ns(self) -> list[int]:
@@ -76,10 +75,11 @@ class TopicInfo:
 
 @dataclass(slots=True)
 class LogInfo:
-    """The content of a file. topics: by the topic and the names of its type and encoding."""
+    """The content of a file."""
 
     path: Path
     size: int = 0
+    # by the topic and the names of its type and encoding
     topics: dict[tuple[str, str, str], TopicInfo] = field(default_factory=dict)
     cameras: list[CameraInfo] = field(default_factory=list)
     run: pb.RunInfo | None = None

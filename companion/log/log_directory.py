@@ -23,12 +23,12 @@ _PART = re.compile(r"^(?P<flight>.+)\.(?P<part>\d{3,})(?P<idle>\.idle)?\.mcap(?P
 
 @dataclass(frozen=True, slots=True)
 class LogFile:
-    """One file of a flight. idle: recorded before the vehicle was armed."""
+    """One file of a flight."""
 
     path: Path
     flight: str
     part: int
-    idle: bool
+    idle: bool  # recorded before the vehicle was armed
     active: bool
     bytes: int
 

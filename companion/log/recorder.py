@@ -57,8 +57,7 @@ processor that compresses a chunk."""
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RecordStatus:
-    """State of the recording. fault: as text, empty: none; repairing: name of the earlier file being repaired, empty:
-    none."""
+    """State of the recording."""
 
     recording: bool = False
     file: str = ""
@@ -66,8 +65,8 @@ class RecordStatus:
     bytes: int = 0
     queued: int = 0
     dropped: int = 0
-    fault: str = ""
-    repairing: str = ""
+    fault: str = ""  # as text, empty: none
+    repairing: str = ""  # name of the earlier file being repaired, empty: none
     alive_ns: int = 0
 
 

@@ -29,9 +29,9 @@ class RawFrame:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LogMessage:
-    """A message for the log only. key: its key in the table of topics."""
+    """A message for the log only."""
 
-    key: str
+    key: str  # its key in the table of topics
     message: Message
     t_arrival_ns: int
 

@@ -42,30 +42,25 @@ jumped by an unknown angle."""
 
 @dataclass(frozen=True, slots=True)
 class HeadingState:
-    """What the detection of later jumps depends on, see HeadingJumps. newest: attitude; sum_rad: of the unexplained turns since
-    the newest jump; sums: that sum every _MARK_NS, with its stamp."""
+    """What the detection of later jumps depends on, see HeadingJumps."""
 
     number: int = 0
     turned_rad: float = 0.0
     gap_ns: int = 0
-    newest: AttitudeSample | None = None
+    newest: AttitudeSample | None = None  # attitude
     jumps: Jumps = ()
-    sum_rad: float = 0.0
-    sums: tuple[tuple[int, float], ...] = ()
+    sum_rad: float = 0.0  # of the unexplained turns since the newest jump
+    sums: tuple[tuple[int, float], ...] = ()  # that sum every _MARK_NS, with its stamp
 
 
 @dataclass(slots=True)
 class HeadingJumps:
-    """The jumps so far. `take` gets each attitude, in order of arrival.
+    """The jumps so far. `take` gets each attitude, in order of arrival."""
 
-    Attributes:
-        number: number of jumps, and of gaps in which one may have happened.
-        turned_rad: sum of the jumps, clockwise.
-        gap_ns: stamp of the first attitude after the newest gap, ns; 0: there was none. By which angle the heading has
-            jumped in it is not known: what was seen before cannot be rotated by it."""
-
-    number: int = 0
-    turned_rad: float = 0.0
+    number: int = 0  # number of jumps, and of gaps in which one may have happened
+    turned_rad: float = 0.0  # sum of the jumps, clockwise
+    # stamp of the first attitude after the newest gap, ns; 0: there was none. By which angle the heading has jumped in
+    # it is not known: what was seen before cannot be rotated by it.
     gap_ns: int = 0
     _newest: AttitudeSample | None = None
     _jumps: deque[tuple[int, float]] = field(default_factory=lambda: deque(maxlen=_MOST))  # stamp, jump
@@ -152,16 +147,11 @@ class HeadingJumps:
 
 
 class Turn(NamedTuple):
-    """The turn about the vertical between two attitudes that the rates do not explain.
+    """The turn about the vertical between two attitudes that the rates do not explain."""
 
-    Fields:
-        angle_rad: clockwise.
-        limit_rad: a larger one is a jump.
-        known: whether rates are known."""
-
-    angle_rad: float
-    limit_rad: float
-    known: bool
+    angle_rad: float  # clockwise
+    limit_rad: float  # a larger one is a jump
+    known: bool  # whether rates are known
 
 
 def heading_jump_rad(before: AttitudeSample, after: AttitudeSample) -> float:

@@ -37,13 +37,11 @@ class UnavailableCamera:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AllCamerasModel:
-    """One model of all cameras. t_ns: the newest usable exposure, 0: none; frame: of all parts.
+    """One model of all cameras."""
 
-    parts: one per camera, in the order of the configuration."""
-
-    t_ns: int
-    frame: str
-    parts: tuple[PrismsResult | UnavailableCamera, ...]
+    t_ns: int  # the newest usable exposure, 0: none
+    frame: str  # of all parts
+    parts: tuple[PrismsResult | UnavailableCamera, ...]  # one per camera, in the order of the configuration
 
     def valid(self, required: frozenset[str]) -> bool:
         """Whether at least one camera and every required camera has a usable frame."""

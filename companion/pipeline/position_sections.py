@@ -35,16 +35,12 @@ Vector = tuple[float, float, float]
 
 @dataclass(frozen=True, slots=True)
 class Section:
-    """A section of the position.
+    """A section of the position."""
 
-    Attributes:
-        number: counts the sections.
-        begins_ns: stamp of its first position.
-        jump_ns: first stamp after the newest jump, of this section or an earlier one, or after a gap in which the
-            estimate may have jumped; 0: there was none. A section may also begin when small steps have added up."""
-
-    number: int
-    begins_ns: int
+    number: int  # counts the sections
+    begins_ns: int  # stamp of its first position
+    # first stamp after the newest jump, of this section or an earlier one, or after a gap in which the estimate may
+    # have jumped; 0: there was none. A section may also begin when small steps have added up.
     jump_ns: int
 
 
@@ -53,27 +49,22 @@ NO_SECTION: Final = Section(0, 0, 0)
 
 @dataclass(frozen=True, slots=True)
 class PositionState:
-    """What later sections depend on, see PositionSections. newest: position; begun: the newest sections; sum_m: of the
-    unexplained steps of the section; sums: that sum every _MARK_NS, with its stamp."""
+    """What later sections depend on, see PositionSections."""
 
     number: int = 0
     since_ns: int = 0
-    newest: PoseSample | None = None
-    begun: tuple[Section, ...] = ()
-    sum_m: Vector = (0.0, 0.0, 0.0)
-    sums: tuple[tuple[int, Vector], ...] = ()
+    newest: PoseSample | None = None  # position
+    begun: tuple[Section, ...] = ()  # the newest sections
+    sum_m: Vector = (0.0, 0.0, 0.0)  # of the unexplained steps of the section
+    sums: tuple[tuple[int, Vector], ...] = ()  # that sum every _MARK_NS, with its stamp
 
 
 @dataclass(slots=True)
 class PositionSections:
-    """Number and beginning of the present section.
+    """Number and beginning of the present section."""
 
-    Attributes:
-        number: number of the section.
-        since_ns: arrival of its first position. All parts of the service use the section from then on."""
-
-    number: int = 0
-    since_ns: int = 0
+    number: int = 0  # number of the section
+    since_ns: int = 0  # arrival of its first position. All parts of the service use the section from then on.
     _newest: PoseSample | None = None
     _begun: deque[Section] = field(default_factory=lambda: deque(maxlen=_MOST))
     _sum_m: Vector = (0.0, 0.0, 0.0)  # of the unexplained steps of the section

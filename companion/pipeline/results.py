@@ -13,9 +13,7 @@ from .transform import LevelTransform
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FrameDecision:
-    """Decision whether a frame is used, with the cause if it is not.
-
-    attitude_cutoff_ns: stamp of the newest attitude that had arrived."""
+    """Decision whether a frame is used, with the cause if it is not."""
 
     camera: str
     sequence: int
@@ -23,7 +21,7 @@ class FrameDecision:
     t_arrival_ns: int
     cause: DropCause
     attitude: Source = Source.NONE
-    attitude_cutoff_ns: int | None = None
+    attitude_cutoff_ns: int | None = None  # stamp of the newest attitude that had arrived
     pose: Source = Source.NONE
     pose_text: str = ""
 

@@ -53,37 +53,31 @@ class DropCause(Code):
 
 @dataclass(frozen=True, slots=True)
 class AttitudeAt:
-    """q_ned_frd at an instant and how it was obtained.
-
-    Attributes:
-        distance_ns: to the nearest sample used.
-        jump_ns: first stamp after the newest jump of the heading that is in it; 0: there was none.
-        turned_rad: sum of the jumps of the heading that are in it, clockwise.
-        jumps: the newest of them.
-        gap_ns: first stamp after the newest gap of the attitude, in which the heading may have jumped; 0: there was none
-            before it.
-        tilt_rad_s: greatest rate of roll and pitch at the samples beside the instant, without the turn about the vertical;
-            0 where no rates are known. None of these five is in the messages."""
+    """q_ned_frd at an instant and how it was obtained. Fields that are not compared are not in the messages."""
 
     q_ned_frd_wxyz: Quaternion
     source: Source
-    distance_ns: int
+    distance_ns: int  # to the nearest sample used
+    # first stamp after the newest jump of the heading that is in it; 0: there was none
     jump_ns: int = field(default=0, compare=False)
-    turned_rad: float = field(default=0.0, compare=False)
-    jumps: Jumps = field(default=(), compare=False)
+    turned_rad: float = field(default=0.0, compare=False)  # sum of the jumps of the heading that are in it, clockwise
+    jumps: Jumps = field(default=(), compare=False)  # the newest of them
+    # first stamp after the newest gap of the attitude before it, in which the heading may have jumped; 0: there was none
     gap_ns: int = field(default=0, compare=False)
+    # greatest rate of roll and pitch at the samples beside the instant, without the turn about the vertical; 0 where no
+    # rates are known
     tilt_rad_s: float = field(default=0.0, compare=False)
 
 
 @dataclass(frozen=True, slots=True)
 class PoseAt:
-    """Position in ned at an instant, m, and how it was obtained. section: see PositionSections; not in the messages."""
+    """Position in ned at an instant, m, and how it was obtained."""
 
     position_ned_m: Vector
     source: Source
     distance_ns: int
     reset_counter: int
-    section: Section = field(default=NO_SECTION, compare=False)
+    section: Section = field(default=NO_SECTION, compare=False)  # see PositionSections; not in the messages
 
 
 class _Stamped(Protocol):

@@ -39,15 +39,14 @@ class Advice:
 
 @dataclass(slots=True)
 class ViewTally:
-    """Sums over the valid frames. free_share: share of the directions that are free for a metre in the layer at the
-    camera's height; layer_m: its height in the last frame."""
+    """Sums over the valid frames."""
 
     frames: int = 0
     nothing_free: int = 0
-    free_share: float = 0.0
+    free_share: float = 0.0  # share of the directions that are free for a metre in the layer at the camera's height
     measured_share: float = 0.0
     ground_seen: int = 0
-    layer_m: float = 0.0
+    layer_m: float = 0.0  # its height in the last frame
 
     def add(self, model: FrameModel, camera_z_m: float) -> None:
         """Counts a valid model. camera_z_m: height of the camera in the model's frame, z down."""

@@ -46,9 +46,9 @@ def key_of(message: Compared | pb.FrameDecision | DepthFrame) -> Key:
 
 @dataclass(slots=True)
 class Comparison:
-    """Pairs messages, in any order within the newest `WAITING`, and keeps the differences. tolerance: greatest difference of two numbers, in their unit; 0 is bit-exact."""
+    """Pairs messages, in any order within the newest `WAITING`, and keeps the differences."""
 
-    tolerance: float = 0.0
+    tolerance: float = 0.0  # greatest difference of two numbers, in their unit; 0 is bit-exact
     compared: int = 0
     different: int = 0
     first: Difference | None = None

@@ -74,16 +74,15 @@ def process(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Options:
-    """Options of a replay. output None: nothing is written; replace: an existing output; config: a file or its content, None: that in the log.
-    as_live: leave out the frames that the live run skipped, as `check` does."""
+    """Options of a replay."""
 
-    output: Path | None = None
-    replace: bool = False
-    config: Path | Config | None = None
+    output: Path | None = None  # None: nothing is written
+    replace: bool = False  # an existing output
+    config: Path | Config | None = None  # a file or its content, None: that in the log
     check: bool = False
     tolerance: float = 0.0
     depth: bool = True
-    as_live: bool = False
+    as_live: bool = False  # leave out the frames that the live run skipped, as `check` does
 
 
 def replay(

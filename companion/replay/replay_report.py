@@ -24,21 +24,20 @@ _LISTED = 5
 
 @dataclass(slots=True)
 class Replay:
-    """The result of a replay. damage: of the input, None: none. obstacle_range_m: by camera, the detection range at the
-    noise of its last frame. tracks: the comparison of the tracked obstacles. unwritten: the requested output, where it was not
-    written for lack of a frame. mask_faults: cameras with a mask outside of the image, as text."""
+    """The result of a replay."""
 
     counts: ReplayCounts
     sample_anomalies: dict[str, int]
     cameras: tuple[str, ...]
     comparison: Comparison | None = None
-    tracks: Comparison | None = None
-    damage: str | None = None
-    unwritten: Path | None = None
+    tracks: Comparison | None = None  # the comparison of the tracked obstacles
+    damage: str | None = None  # of the input, None: none
+    unwritten: Path | None = None  # the requested output, where it was not written for lack of a frame
     exposure_offsets: tuple[ExposureOffset, ...] = ()
     configured_offsets_ms: dict[str, float] = field(default_factory=dict)
+    # by camera, the detection range at the noise of its last frame
     obstacle_range_m: dict[str, float] = field(default_factory=dict)
-    mask_faults: tuple[str, ...] = ()
+    mask_faults: tuple[str, ...] = ()  # cameras with a mask outside of the image, as text
     depth_note: str = ""
     """What the check cannot compare, of a log that was recorded without all depth images."""
 

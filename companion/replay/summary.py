@@ -19,12 +19,13 @@ from .advice import Advice, ViewTally, advice_of
 
 @dataclass(slots=True)
 class ReplayCounts:
-    """Numbers of inputs and outputs. blind and dropped: by the code of the cause."""
+    """Numbers of inputs and outputs."""
 
     frames: int = 0
     samples: int = 0
     planes: int = 0
     prisms: int = 0
+    # blind, dropped: by the code of the cause
     blind: Counter[str] = field(default_factory=Counter)
     dropped: Counter[str] = field(default_factory=Counter)
     attitude: Counter[str] = field(default_factory=Counter)

@@ -42,24 +42,22 @@ def _is_new(exposure_ns: int, last_ns: int) -> bool:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BridgeOptions:
-    """namespace: of the topics, with a leading slash; hz: largest rate of each camera; transforms: whether /tf is
-    published."""
+    """Options of the bridge."""
 
-    namespace: str = "/osape"
-    hz: float = 10.0
+    namespace: str = "/osape"  # of the topics, with a leading slash
+    hz: float = 10.0  # largest rate of each camera
     spacing_m: float = 0.2
-    transforms: bool = True
+    transforms: bool = True  # whether /tf is published
 
 
 @dataclass(slots=True)
 class _Camera:
-    """name: in ROS names; published_ns: when a frame was last published; exposure_ns: of that of its last transform;
-    error: why its newest message cannot be used."""
+    """State of one camera."""
 
-    name: str
-    published_ns: int = 0
-    exposure_ns: int = 0
-    error: str = ""
+    name: str  # in ROS names
+    published_ns: int = 0  # when a frame was last published
+    exposure_ns: int = 0  # of that of its last transform
+    error: str = ""  # why its newest message cannot be used
 
 
 @dataclass(slots=True)

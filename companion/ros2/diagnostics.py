@@ -22,10 +22,10 @@ _SERVICE_LEVELS: Final = {
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """One status. level: OK, WARN, ERROR or STALE, as of DiagnosticStatus."""
+    """One status."""
 
     name: str
-    level: str
+    level: str  # OK, WARN, ERROR or STALE, as of DiagnosticStatus
     text: str
     values: Mapping[str, str]
 

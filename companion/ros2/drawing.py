@@ -37,25 +37,17 @@ RED: Final = (1.0, 0.1, 0.1, 1.0)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Shape:
-    """What a marker adds to the drawing.
+    """What a marker adds to the drawing."""
 
-    Attributes:
-        kind: name of a constant of visualization_msgs/Marker.
-        points, colours: messages of the corners, and the colour of each; no colours: that of the marker.
-        text: of TEXT_VIEW_FACING.
-        colour: (r, g, b, a), 0..1, of the whole marker.
-        scale: (x, y, z) in m.
-        at: place in m, in the frame of the header.
-        lifetime_ns: time after which a viewer removes it; 0: never."""
-
-    kind: str
+    kind: str  # name of a constant of visualization_msgs/Marker
+    # points, colours: messages of the corners, and the colour of each; no colours: that of the marker
     points: Sequence[Any] = ()
     colours: Sequence[Any] = ()
-    text: str = ""
-    colour: tuple[float, float, float, float] = GREY
-    scale: tuple[float, float, float] = (1.0, 1.0, 1.0)
-    at: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    lifetime_ns: int = 0
+    text: str = ""  # of TEXT_VIEW_FACING
+    colour: tuple[float, float, float, float] = GREY  # (r, g, b, a), 0..1, of the whole marker
+    scale: tuple[float, float, float] = (1.0, 1.0, 1.0)  # (x, y, z) in m
+    at: tuple[float, float, float] = (0.0, 0.0, 0.0)  # place in m, in the frame of the header
+    lifetime_ns: int = 0  # time after which a viewer removes it; 0: never
 
 
 class Drawing:

@@ -18,12 +18,12 @@ CONNECT_TIMEOUT_MS: Final = 1000
 
 @dataclass(slots=True)
 class _Publisher:
-    """number: of messages published."""
+    """A publisher of the session."""
 
     publisher: Any
     token: Any
     gid: bytes
-    number: int = 0
+    number: int = 0  # of messages published
 
 
 class RosNode:

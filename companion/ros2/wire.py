@@ -20,10 +20,10 @@ _NAME: Final = re.compile(r"/?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*")
 
 @dataclass(frozen=True, slots=True)
 class TopicType:
-    """name: as in `sensor_msgs/msg/PointCloud2`; type_hash: its hash, RIHS01_ and 64 hexadecimal digits."""
+    """A message type of ROS 2."""
 
-    name: str
-    type_hash: str
+    name: str  # as in `sensor_msgs/msg/PointCloud2`
+    type_hash: str  # its hash, RIHS01_ and 64 hexadecimal digits
 
     @property
     def dds_name(self) -> str:
@@ -34,11 +34,11 @@ class TopicType:
 
 @dataclass(frozen=True, slots=True)
 class NodeName:
-    """A node of the ROS graph. namespace: with a leading slash; zid: identifier of the Zenoh session."""
+    """A node of the ROS graph."""
 
     domain: int
-    zid: str
-    namespace: str
+    zid: str  # identifier of the Zenoh session
+    namespace: str  # with a leading slash
     name: str
 
     def token(self) -> str:

@@ -33,13 +33,12 @@ BLOCK = 8
 
 @dataclass(frozen=True, slots=True)
 class LagFit:
-    """lag_s: the estimate; sigma_s: its standard deviation; explained: share (0..1) of the measured rotation that the
-    attitude explains at this lag; inside: whether the minimum is inside the grid."""
+    """The estimate of a time offset."""
 
-    lag_s: float
-    sigma_s: float
-    explained: float
-    inside: bool
+    lag_s: float  # the estimate
+    sigma_s: float  # its standard deviation
+    explained: float  # share (0..1) of the measured rotation that the attitude explains at this lag
+    inside: bool  # whether the minimum is inside the grid
 
 
 def fit_lag(measured: Floats, sigma: Floats, predicted: Floats) -> LagFit:

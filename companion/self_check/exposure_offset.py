@@ -32,14 +32,13 @@ STATE_TEXTS = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ExposureOffset:
-    """The estimate of one camera. offset_s: stamp minus true exposure on the attitude's time, None unless measured;
-    sigma_s: its standard deviation; pairs: number of image pairs."""
+    """The estimate of one camera."""
 
     camera: str
     state: OffsetState
-    offset_s: float | None = None
-    sigma_s: float | None = None
-    pairs: int = 0
+    offset_s: float | None = None  # stamp minus true exposure on the attitude's time, None unless measured
+    sigma_s: float | None = None  # its standard deviation
+    pairs: int = 0  # number of image pairs
 
     @property
     def warns(self) -> bool:

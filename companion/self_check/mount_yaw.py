@@ -51,14 +51,13 @@ MAX_WAITING = 8
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MountYaw:
-    """The yaw of one camera's mount. error_rad: true minus configured; sd_rad: its standard deviation; both None until
-    known. yaw_rad: configured; pairs: number of image pairs."""
+    """The yaw of one camera's mount."""
 
     camera: str
-    yaw_rad: float
-    error_rad: float | None = None
-    sd_rad: float | None = None
-    pairs: int = 0
+    yaw_rad: float  # configured
+    error_rad: float | None = None  # true minus configured
+    sd_rad: float | None = None  # its standard deviation; both None until known
+    pairs: int = 0  # number of image pairs
 
     @property
     def warns(self) -> bool:

@@ -13,21 +13,21 @@ from ..config.camera_kinds import CAMERA_KINDS
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Answers:
-    """What a configuration is made of. pitch_deg: upwards; position_m: forward, right, down of the autopilot; width_m,
-    height_m: of the vehicle with rotors; calibration: of a v4l2 camera; calibration_file: of a zed."""
+    """What a configuration is made of."""
 
     kind: str
     device: str = ""
-    pitch_deg: float = 0.0
+    pitch_deg: float = 0.0  # upwards
     yaw_deg: float = 0.0
-    position_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    position_m: tuple[float, float, float] = (0.0, 0.0, 0.0)  # forward, right, down of the autopilot
+    # width_m, height_m: of the vehicle with rotors
     width_m: float = 1.0
     height_m: float = 0.5
     autopilot: str = ""
     send: bool = False
     record: str = "always"
-    calibration: DepthCalibration | None = None
-    calibration_file: str = ""
+    calibration: DepthCalibration | None = None  # of a v4l2 camera
+    calibration_file: str = ""  # of a zed
 
 
 def configuration_text(answers: Answers) -> str:

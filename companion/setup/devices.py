@@ -19,12 +19,13 @@ UARTS: Final = ("ttyAMA0", "ttyTHS1", "ttyTHS0")
 
 @dataclass(frozen=True, slots=True)
 class FoundCamera:
-    """kind, device: as in the configuration; name: for people; serial: of the maker, empty: unknown."""
+    """A camera that was found."""
 
+    # kind, device: as in the configuration
     kind: str
     device: str
-    name: str
-    serial: str = ""
+    name: str  # for people
+    serial: str = ""  # of the maker, empty: unknown
 
 
 def find_cameras(usb: Path = USB, links: tuple[Path, Path] = LINKS) -> list[FoundCamera]:

@@ -23,10 +23,10 @@ HEARTBEAT_S: Final = 2.5
 
 @dataclass(frozen=True, slots=True)
 class FoundAutopilot:
-    """address: as in [autopilot]; name: PX4 or another kind, with its system id."""
+    """An autopilot that was found."""
 
-    address: str
-    name: str
+    address: str  # as in [autopilot]
+    name: str  # PX4 or another kind, with its system id
 
 
 def candidates(ports: Sequence[str]) -> Iterator[str]:

@@ -18,18 +18,16 @@ STALE_NS: Final = NS
 
 @dataclass(frozen=True, slots=True)
 class Motion:
-    """The estimate at one instant.
+    """The estimate at one instant."""
 
-    Attributes:
-        pose, attitude: the newest ones; None: none has arrived.
-        jump_ns: first stamp after the newest jump of position or heading, or after a gap in which the heading may have
-            jumped; 0: there was none.
-        estimate: numbers of sections of the position and of jumps of the heading. One changes when something has jumped,
-            or may have in a gap, or when small steps of the position have added up."""
-
+    # pose, attitude: the newest ones; None: none has arrived
     pose: PoseSample | None = None
     attitude: AttitudeSample | None = None
+    # first stamp after the newest jump of position or heading, or after a gap in which the heading may have jumped; 0:
+    # there was none
     jump_ns: int = 0
+    # numbers of sections of the position and of jumps of the heading. One changes when something has jumped, or may
+    # have in a gap, or when small steps of the position have added up.
     estimate: tuple[int, int] = 0, 0
 
     def pose_at(self, now_ns: int) -> PoseSample | None:

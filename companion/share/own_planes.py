@@ -16,11 +16,11 @@ MOST_IDS = 1 << 16
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OwnPlanes:
-    """Planes of one section of the own world; ids are their slots. newest_ns: exposure of the newest frame in them."""
+    """Planes of one section of the own world; ids are their slots."""
 
     planes: SharedPlanes
     section: int
-    newest_ns: int = 0
+    newest_ns: int = 0  # exposure of the newest frame in them
 
 
 def own_planes(world: World, now_ns: int, least_hits: int, range_m: float, most: int) -> OwnPlanes:

@@ -28,20 +28,13 @@ ALIGN_PLANES: Final = 300
 
 @dataclass(slots=True)
 class OwnSide:
-    """What is known of the own vehicle.
+    """What is known of the own vehicle."""
 
-    Attributes:
-        origin: latitude, longitude (deg), altitude (m).
-        motion: newest position and attitude.
-        planes: of the own world.
-        movers: of the own sensors.
-        movers_ns: instant of their ages."""
-
-    origin: tuple[float, float, float] | None = None
-    motion: Motion = field(default_factory=Motion)
-    planes: OwnPlanes = field(default_factory=lambda: OwnPlanes(SharedPlanes.empty(), 0))
-    movers: tuple[SharedMover, ...] = ()
-    movers_ns: int = 0
+    origin: tuple[float, float, float] | None = None  # latitude, longitude (deg), altitude (m)
+    motion: Motion = field(default_factory=Motion)  # newest position and attitude
+    planes: OwnPlanes = field(default_factory=lambda: OwnPlanes(SharedPlanes.empty(), 0))  # of the own world
+    movers: tuple[SharedMover, ...] = ()  # of the own sensors
+    movers_ns: int = 0  # instant of their ages
 
 
 class Team:

@@ -26,21 +26,18 @@ class FrameStatus(StrEnum):
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class ViewFrame:
-    """One frame of one camera. depth_mm: (H, W) uint16 as in DepthFrame; None: not in the log. R_ned_frd: (3, 3)
-    attitude used; None: none. model: in level_cam; None: not in the log. dropped: cause if the frame was not used, "":
-    used. position_ned_m: of the vehicle; None: no position. autopilot: its newest state, see autopilot_view; tracks: the
-    tracked obstacles, see viewer.tracks; None: not in the log."""
+    """One frame of one camera."""
 
     info: CameraInfo
     sequence: int
     t_ns: int
-    depth_mm: NDArray[np.uint16] | None = None
-    R_ned_frd: Rotation | None = None
-    model: FrameModel | None = None
-    dropped: str = ""
-    position_ned_m: tuple[float, float, float] | None = None
-    autopilot: dict[str, Any] | None = None
-    tracks: dict[str, Any] | None = None
+    depth_mm: NDArray[np.uint16] | None = None  # (H, W) uint16 as in DepthFrame; None: not in the log
+    R_ned_frd: Rotation | None = None  # (3, 3) attitude used; None: none
+    model: FrameModel | None = None  # in level_cam; None: not in the log
+    dropped: str = ""  # cause if the frame was not used, "": used
+    position_ned_m: tuple[float, float, float] | None = None  # of the vehicle; None: no position
+    autopilot: dict[str, Any] | None = None  # its newest state, see autopilot_view
+    tracks: dict[str, Any] | None = None  # the tracked obstacles, see viewer.tracks; None: not in the log
 
     def __post_init__(self) -> None:
         k = self.info.intrinsics

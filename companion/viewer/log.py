@@ -33,18 +33,17 @@ Key = tuple[str, int, int]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LoggedFrame:
-    """The log's messages of one exposure, not yet decoded. depth_mm, message: None if missing. health: the newest report of
-    the service before it. tracks: the tracked obstacles after it. state: state of the
-    extractor before the frame, from which its strips can be recomputed."""
+    """The log's messages of one exposure, not yet decoded."""
 
     info: CameraInfo
     sequence: int
     t_ns: int
+    # depth_mm, message: None if missing
     depth_mm: NDArray[np.uint16] | None
     message: pb.PrismsFrame | None
-    state: ExtractorState
-    health: pb.Health | None = None
-    tracks: pb.Tracks | None = None
+    state: ExtractorState  # state of the extractor before the frame, from which its strips can be recomputed
+    health: pb.Health | None = None  # the newest report of the service before it
+    tracks: pb.Tracks | None = None  # the tracked obstacles after it
 
     @property
     def status(self) -> FrameStatus:

@@ -51,7 +51,7 @@ TRACKS_NS = round(TIMEOUT_S * NS)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Streams:
-    """Addresses of the streams; empty: not subscribed. keys: directory of the client keys, for another computer."""
+    """Addresses of the streams; empty: not subscribed."""
 
     prisms: str
     health: str
@@ -60,7 +60,7 @@ class Streams:
     world_requests: str = ""
     neighbours: str = ""
     tracks: str = ""
-    keys: Path | None = None
+    keys: Path | None = None  # directory of the client keys, for another computer
 
 
 def streams_of(publish: PublishConfig, keys: Path | None) -> Streams:
@@ -72,14 +72,14 @@ def streams_of(publish: PublishConfig, keys: Path | None) -> Streams:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Shown:
-    """The frame of a camera that a page draws. number: consecutive; exposed_ns: exposure by `clock_ns`; tracks: after
-    this frame, or the newest ones where these have not arrived; None: they are too old."""
+    """The frame of a camera that a page draws."""
 
-    number: int
+    number: int  # consecutive
     info: CameraInfo
     message: pb.PrismsFrame
     preview: pb.DepthPreview | None
-    exposed_ns: int
+    exposed_ns: int  # exposure by `clock_ns`
+    # after this frame, or the newest ones where these have not arrived; None: they are too old
     tracks: pb.Tracks | None = None
 
 

@@ -40,10 +40,10 @@ Progress = Callable[[float], None]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ViewOptions:
-    """Options. every: a picture of every N-th frame; frames: of these sequence numbers; neither: a selection."""
+    """Options."""
 
-    every: int | None = None
-    frames: tuple[int, ...] = ()
+    every: int | None = None  # a picture of every N-th frame
+    frames: tuple[int, ...] = ()  # of these sequence numbers; neither: a selection
     png: bool = True
     page: bool = True
     rerun: bool = False
@@ -55,7 +55,7 @@ class ViewOptions:
 
 @dataclass(slots=True)
 class Views:
-    """The written files. damage: why the log could not be read to its end; "" if it could."""
+    """The written files."""
 
     pictures: list[Path] = field(default_factory=list)
     page: Path | None = None
@@ -66,18 +66,18 @@ class Views:
     blind: int = 0
     without_prisms: int = 0
     notes: list[str] = field(default_factory=list)
-    damage: str = ""
+    damage: str = ""  # why the log could not be read to its end; "" if it could
 
 
 @dataclass(frozen=True, slots=True)
 class _FrameSummary:
-    """Properties of a frame that the selection and the layout need. health: a health report comes before it."""
+    """Properties of a frame that the selection and the layout need."""
 
     sequence: int
     t_ns: int
     planes: int
     status: FrameStatus
-    health: bool = False
+    health: bool = False  # a health report comes before it
 
 
 def make_views(
@@ -157,13 +157,12 @@ def _chosen(summaries: list[_FrameSummary], options: ViewOptions) -> Sequence[in
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Sinks:
-    """What the second pass writes. pictures: indices of the frames to draw; stride: every stride-th frame is on the
-    page."""
+    """What the second pass writes."""
 
     out_dir: Path
-    pictures: set[int]
+    pictures: set[int]  # indices of the frames to draw
     builder: PageBuilder | None
-    stride: int
+    stride: int  # every stride-th frame is on the page
     rerun: RerunWriter | None
 
 
