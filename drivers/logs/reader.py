@@ -36,11 +36,11 @@ _LISTED: Final = 4
 
 @dataclass(frozen=True, slots=True)
 class LoggedMessage:
-    """A message of this software. key: in TOPICS; camera: empty where the topic has none; t_log_ns: its arrival."""
+    """A message of this software."""
 
-    key: str
-    camera: str
-    t_log_ns: int
+    key: str  # in TOPICS
+    camera: str  # empty where the topic has none
+    t_log_ns: int  # its arrival
     sequence: int
     message: Message
 

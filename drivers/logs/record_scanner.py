@@ -51,11 +51,11 @@ def _not_mcap(begin: bytes) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Damage:
-    """An unreadable place. fatal: nothing after it can be read."""
+    """An unreadable place."""
 
     offset: int
     cause: str
-    fatal: bool
+    fatal: bool  # nothing after it can be read
 
 
 @dataclass(frozen=True, slots=True)

@@ -23,11 +23,11 @@ SocketAddress = tuple[str, int] | tuple[str, int, int, int]
 
 @dataclass(frozen=True, slots=True)
 class Address:
-    """Address of an autopilot. kind: serial, udpin, udpout or tcp; place: device or host; number: baud rate or port."""
+    """Address of an autopilot."""
 
-    kind: str
-    place: str
-    number: int
+    kind: str  # serial, udpin, udpout or tcp
+    place: str  # device or host
+    number: int  # baud rate or port
 
     def __str__(self) -> str:
         return f"{self.kind}:{self.place}:{self.number}"

@@ -25,20 +25,13 @@ of faces that ArduPilot echoes."""
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LinkBudget:
-    """Data rates of a link.
+    """Data rates of a link."""
 
-    Attributes:
-        need_in: from the autopilot, bytes/s.
-        need_out: to the autopilot, bytes/s.
-        line: capacity of each direction, bytes/s.
-        attitude_hz: requested rate of the attitude.
-        attitude_bytes: size of its message."""
-
-    need_in: float
-    need_out: float
-    line: float
-    attitude_hz: float
-    attitude_bytes: float
+    need_in: float  # from the autopilot, bytes/s
+    need_out: float  # to the autopilot, bytes/s
+    line: float  # capacity of each direction, bytes/s
+    attitude_hz: float  # requested rate of the attitude
+    attitude_bytes: float  # size of its message
 
     def text(self) -> str:
         """Returns the figures."""

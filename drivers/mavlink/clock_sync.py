@@ -72,24 +72,15 @@ class ClockParams:
 @dataclass(frozen=True, slots=True)
 class ClockEstimate:
     """Estimate local_ns = boot_ns + offset_ns + drift * (boot_ns - at_boot_ns), guaranteed within bound_ns at
-    at_boot_ns.
-
-    Attributes:
-        source: its basis.
-        offset_ns: see above.
-        drift: see above.
-        at_boot_ns: see above.
-        bound_ns: None: only the envelope is known, and the true instant may be earlier by any delay.
-        rtt_ns: round-trip time of the fastest exchange in the window.
-        exchanges: number of exchanges in the window."""
+    at_boot_ns."""
 
     source: ClockSource
     offset_ns: int = 0
     drift: float = 0.0
     at_boot_ns: int = 0
-    bound_ns: int | None = None
-    rtt_ns: int | None = None
-    exchanges: int = 0
+    bound_ns: int | None = None  # None: only the envelope is known, and the true instant may be earlier by any delay
+    rtt_ns: int | None = None  # round-trip time of the fastest exchange in the window
+    exchanges: int = 0  # number of exchanges in the window
 
     def local_ns(self, boot_ns: int) -> int:
         """Returns an instant of the autopilot's boot clock on the local clock."""

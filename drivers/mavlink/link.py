@@ -53,22 +53,14 @@ LONGEST_CLOSE_S = 1.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LinkState:
-    """State of a link.
+    """State of a link."""
 
-    Attributes:
-        alive_ns: time of the last cycle of the thread.
-        open: the link is open.
-        error: why it is not, as text.
-        warning: that it is slow or does not send, as text.
-        flood: that datagrams are dropped, as text.
-        losses: how often it was lost."""
-
-    alive_ns: int
-    open: bool = False
-    error: str = ""
-    warning: str = ""
-    flood: str = ""
-    losses: int = 0
+    alive_ns: int  # time of the last cycle of the thread
+    open: bool = False  # the link is open
+    error: str = ""  # why it is not, as text
+    warning: str = ""  # that it is slow or does not send, as text
+    flood: str = ""  # that datagrams are dropped, as text
+    losses: int = 0  # how often it was lost
 
 
 class PollScheduler:

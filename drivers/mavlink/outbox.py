@@ -24,13 +24,12 @@ was decided by the flight mode of its time, and is repeated by its sender."""
 
 @dataclass(frozen=True, slots=True)
 class _Waiting:
-    """A message. until_ns: end of its validity; decided_by: heartbeat by which it was decided; None: each has none. suspended_ns:
-    of the computer when it was posted."""
+    """A message."""
 
     message: Any
-    until_ns: int | None
-    decided_by: Vehicle | None
-    suspended_ns: int
+    until_ns: int | None  # end of its validity
+    decided_by: Vehicle | None  # heartbeat by which it was decided; None: each has none
+    suspended_ns: int  # of the computer when it was posted
 
     def valid(self, now_ns: int, vehicle: Vehicle | None) -> bool:
         """Returns whether it may be sent. vehicle: by the newest heartbeat."""

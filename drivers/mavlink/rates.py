@@ -25,12 +25,12 @@ STREAMS = {30: 10, 31: 10, 32: 6, 331: 6}
 
 @dataclass(frozen=True, slots=True)
 class RateRequest:
-    """A wanted message. instead_of: it is requested only while that other message does not arrive."""
+    """A wanted message."""
 
     message_id: int
     name: str
     hz: float
-    instead_of: int | None = None
+    instead_of: int | None = None  # it is requested only while that other message does not arrive
 
 
 class RateMonitor:

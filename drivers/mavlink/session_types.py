@@ -42,20 +42,16 @@ class MavlinkParams:
 
 @dataclass(frozen=True, slots=True)
 class Vehicle:
-    """The received autopilot, by its newest heartbeat.
-
-    Attributes:
-        heartbeat_ns: arrival of the newest heartbeat; 0: none since the start.
-        system_status: MAV_STATE; 0: not known."""
+    """The received autopilot, by its newest heartbeat."""
 
     system_id: int
     autopilot: str
     vehicle_type: int
     armed: bool
     custom_mode: int
-    heartbeat_ns: int
+    heartbeat_ns: int  # arrival of the newest heartbeat; 0: none since the start
     mavlink_1: bool = False
-    system_status: int = 0
+    system_status: int = 0  # MAV_STATE; 0: not known
 
     def contradicts(self, earlier: Vehicle) -> bool:
         """Returns whether a command that was decided by an earlier heartbeat must not be sent any more: it is of another

@@ -46,19 +46,14 @@ class TlogRecord:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Tlog:
-    """A parsed log.
-
-    Attributes:
-        records: the messages of autopilots (component 1) with a time, and their heartbeats, in file order.
-        bad_frames: number of frames with a wrong checksum.
-        skipped_bytes: bytes of noise between frames.
-        truncated: the file ends within a record."""
+    """A parsed log."""
 
     path: Path
+    # the messages of autopilots (component 1) with a time, and their heartbeats, in file order
     records: list[TlogRecord]
-    bad_frames: int
-    skipped_bytes: int
-    truncated: bool
+    bad_frames: int  # number of frames with a wrong checksum
+    skipped_bytes: int  # bytes of noise between frames
+    truncated: bool  # the file ends within a record
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,49 +66,35 @@ class Timed:
 
 @dataclass(frozen=True, slots=True)
 class TlogAttitude(Timed):
-    """Attitude of the vehicle.
+    """Attitude of the vehicle."""
 
-    Attributes:
-        q_wxyz: q_ned_frd; None: the message contains euler_rad instead.
-        euler_rad: roll, pitch, yaw; None: the message contains q_wxyz instead.
-        rates_rad_s: body rates in frd."""
-
-    q_wxyz: tuple[float, float, float, float] | None
-    euler_rad: tuple[float, float, float] | None
-    rates_rad_s: tuple[float, float, float]
+    q_wxyz: tuple[float, float, float, float] | None  # q_ned_frd; None: the message contains euler_rad instead
+    euler_rad: tuple[float, float, float] | None  # roll, pitch, yaw; None: the message contains q_wxyz instead
+    rates_rad_s: tuple[float, float, float]  # body rates in frd
 
 
 @dataclass(frozen=True, slots=True)
 class TlogPose(Timed):
-    """Position and velocity in ned, metres and m/s. reset_counter: changes where the estimate jumps, if the log has it."""
+    """Position and velocity in ned, metres and m/s."""
 
     position_m: tuple[float, float, float]
     velocity_m_s: tuple[float, float, float]
-    reset_counter: int = 0
+    reset_counter: int = 0  # changes where the estimate jumps, if the log has it
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class VehicleLog:
-    """Attitudes and poses of one vehicle's autopilot.
+    """Attitudes and poses of one vehicle's autopilot."""
 
-    Attributes:
-        system: system id.
-        kind: name of the message of the attitudes.
-        boots: number of starts of the autopilot.
-        drift: greatest drift over all boots of its clock relative to the recorder's.
-        strange: number of messages left out because their record stamp is damaged.
-        unix: stamps are unix time; otherwise they count from the autopilot's start.
-        damaged: a part of the file could not be read."""
-
-    system: int
-    kind: str
+    system: int  # system id
+    kind: str  # name of the message of the attitudes
     attitudes: list[TlogAttitude]
     poses: list[TlogPose]
-    boots: int
-    drift: float
-    strange: int
-    unix: bool = True
-    damaged: bool = False
+    boots: int  # number of starts of the autopilot
+    drift: float  # greatest drift over all boots of its clock relative to the recorder's
+    strange: int  # number of messages left out because their record stamp is damaged
+    unix: bool = True  # stamps are unix time; otherwise they count from the autopilot's start
+    damaged: bool = False  # a part of the file could not be read
 
 
 def read_tlog(path: Path) -> Tlog:

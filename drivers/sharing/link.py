@@ -9,12 +9,12 @@ from typing import Protocol
 
 @dataclass(frozen=True, slots=True)
 class ReceivedPacket:
-    """A packet. sender: the vehicle's number by the transport; None: the transport does not have it."""
+    """A packet."""
 
     transport: str
     data: bytes
     arrival_ns: int
-    sender: int | None
+    sender: int | None  # the vehicle's number by the transport; None: the transport does not have it
     source: object = None
     """Of the bytes, for `TeamLink.confirm`."""
 

@@ -56,36 +56,31 @@ def never(_: int) -> bool:
 
 @dataclass(kw_only=True)
 class FirmwareProfile:
-    """Behaviour of a simulated autopilot.
-
-    streams: message id -> Hz sent without a request (None: as the firmware does). knows_intervals: SET_MESSAGE_INTERVAL is
-    supported. motion: the vehicle at a local instant, ns. hides_attitude: whether the attitude is not sent at an instant, ns.
-    key: it signs, and accepts only messages that are signed with it; a key of zeros: it signs and accepts everything, as PX4
-    1.17 without a key. signing_ticks: its time at boot in units of signatures (10 us); 0: it has no clock. mavlink_1: it uses
-    MAVLink 1. version: of its firmware; None: a usual one. hides_version: it does not answer AUTOPILOT_VERSION. landed_state:
-    MAV_LANDED_STATE; 0: unknown. proximity_started: PRX1_TYPE was set when it started. flight: it flies by itself, by its mode
-    and by commands; mode and motion are then those of the flight."""
+    """Behaviour of a simulated autopilot."""
 
     kind: str = PX4
     system_id: int = 1
     component_id: int = 1
     drift: float = 0.0
     boot_at_ns: int = 0
-    streams: dict[int, float] | None = None
-    knows_intervals: bool = True
+    streams: dict[int, float] | None = None  # message id -> Hz sent without a request (None: as the firmware does)
+    knows_intervals: bool = True  # SET_MESSAGE_INTERVAL is supported
     answers_timesync: bool = True
     timesync_asks_hz: float = 10.0
     armed: bool = False
     custom_mode: int = 0
-    motion: Callable[[int], VehicleState] = field(default=hovering)
-    hides_attitude: Callable[[int], bool] = field(default=never)
+    motion: Callable[[int], VehicleState] = field(default=hovering)  # the vehicle at a local instant, ns
+    hides_attitude: Callable[[int], bool] = field(default=never)  # whether the attitude is not sent at an instant, ns
+    # it signs, and accepts only messages that are signed with it; a key of zeros: it signs and accepts everything, as
+    # PX4 1.17 without a key
     key: bytes | None = None
-    signing_ticks: int = 0
-    mavlink_1: bool = False
-    version: tuple[int, int, int] | None = None
-    hides_version: bool = False
-    landed_state: int = 0
-    proximity_started: bool = True
+    signing_ticks: int = 0  # its time at boot in units of signatures (10 us); 0: it has no clock
+    mavlink_1: bool = False  # it uses MAVLink 1
+    version: tuple[int, int, int] | None = None  # of its firmware; None: a usual one
+    hides_version: bool = False  # it does not answer AUTOPILOT_VERSION
+    landed_state: int = 0  # MAV_LANDED_STATE; 0: unknown
+    proximity_started: bool = True  # PRX1_TYPE was set when it started
+    # it flies by itself, by its mode and by commands; mode and motion are then those of the flight
     flight: AutoFlight | None = None
 
 

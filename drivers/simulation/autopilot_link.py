@@ -23,9 +23,10 @@ _IDLE_S = 0.1
 
 @dataclass(kw_only=True)
 class Faults:
-    """What the line does to the autopilot's messages. jitter_s: each is late by up to so much; the shares are of all
-    messages: noise bytes put before one, sent twice, or a second late."""
+    """What the line does to the autopilot's messages."""
 
+    # each is late by up to so much; the shares are of all messages: noise bytes put before one, sent twice, or a second
+    # late
     jitter_s: float = 0.0
     noise_share: float = 0.0
     double_share: float = 0.0

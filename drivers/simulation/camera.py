@@ -41,18 +41,16 @@ _RENDERERS = (
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Simulation:
-    """How a camera is simulated. latency_s: from exposure to arrival; cable: a file, and while it is not there the
-    camera is unplugged (None: always plugged in); folder: where rendered frames are kept (None: in memory); render: "depth" or
-    "stereo", disparities: searched there, mark_smooth: see SimulatedFlight."""
+    """How a camera is simulated."""
 
     fps: float = 30.0
     seed: int = 0
-    latency_s: float = 0.0
-    cable: Path | None = None
-    folder: Path | None = None
-    render: str = "depth"
-    disparities: int = 96
-    mark_smooth: bool = False
+    latency_s: float = 0.0  # from exposure to arrival
+    cable: Path | None = None  # a file, and while it is not there the camera is unplugged (None: always plugged in)
+    folder: Path | None = None  # where rendered frames are kept (None: in memory)
+    render: str = "depth"  # "depth" or "stereo"
+    disparities: int = 96  # searched in stereo
+    mark_smooth: bool = False  # see MatchParams
 
 
 class SimulatedDepthSource:

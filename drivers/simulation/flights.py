@@ -17,14 +17,12 @@ Span = tuple[float, float]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Failures:
-    """What breaks during a flight, as spans of seconds since its start. blind: every pixel UNKNOWN; frozen:
-    the camera repeats the image it had when the span began; no_attitude: no attitude samples; no_frames:
-    frames that never arrive, their sequence numbers being missing."""
+    """What breaks during a flight, as spans of seconds since its start."""
 
-    blind: tuple[Span, ...] = ()
-    frozen: tuple[Span, ...] = ()
-    no_attitude: tuple[Span, ...] = ()
-    no_frames: tuple[Span, ...] = ()
+    blind: tuple[Span, ...] = ()  # every pixel UNKNOWN
+    frozen: tuple[Span, ...] = ()  # the camera repeats the image it had when the span began
+    no_attitude: tuple[Span, ...] = ()  # no attitude samples
+    no_frames: tuple[Span, ...] = ()  # frames that never arrive, their sequence numbers being missing
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

@@ -42,11 +42,11 @@ LARGEST_ERROR_RAD = math.radians(0.5)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FollowSettings:
-    """address: link to the autopilot, such as udpin:127.0.0.1:14551; fps: most frames per second; seed: of the noise."""
+    """Options of the camera."""
 
-    address: str
-    fps: float = 12.0
-    seed: int = 0
+    address: str  # link to the autopilot, such as udpin:127.0.0.1:14551
+    fps: float = 12.0  # most frames per second
+    seed: int = 0  # of the noise
 
 
 class FollowingDepthSource:

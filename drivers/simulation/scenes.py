@@ -43,22 +43,20 @@ class Opening:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Scene:
-    """Solids for drivers.simulation.ray_caster with what they are called.
-
-    kinds: (S,) int32; rows: (S, 12) float64; corners: (S, 8, 3) float64; halfspaces: (M, 4) float64; label:
-    (S,) int32 index into names, -1 for the ground. structured: its obstacles have planar faces. velocity_m_s: (S, 3)
-    float64 of each solid in ned, or (0, 3): nothing moves; the other arrays are those at time 0, see `movers.moved`."""
+    """Solids for drivers.simulation.ray_caster with what they are called."""
 
     name: str
-    kinds: NDArray[np.int32]
-    rows: Floats
-    corners: Floats
-    halfspaces: Floats
-    label: NDArray[np.int32]
+    kinds: NDArray[np.int32]  # (S,) int32
+    rows: Floats  # (S, 12) float64
+    corners: Floats  # (S, 8, 3) float64
+    halfspaces: Floats  # (M, 4) float64
+    label: NDArray[np.int32]  # (S,) int32 index into names, -1 for the ground
     names: tuple[str, ...]
     ground: GroundTruth
     openings: tuple[Opening, ...] = ()
-    structured: bool = True
+    structured: bool = True  # its obstacles have planar faces
+    # (S, 3) float64 of each solid in ned, or (0, 3): nothing moves; the other arrays are those at time 0, see
+    # `movers.moved`
     velocity_m_s: Floats = field(default_factory=lambda: np.zeros((0, 3)))
 
     def __post_init__(self) -> None:

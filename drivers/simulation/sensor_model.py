@@ -30,29 +30,26 @@ holes."""
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SensorModel:
-    """The faults of a simulated camera; the defaults are a perfect one.
+    """The faults of a simulated camera; the defaults are a perfect one."""
 
-    ke_per_m: noise, sigma_Z = ke * Z^2, normal in 1/Z. noise_length_px: distance over which the correlation of that noise
-    falls to 1/e, 0 for independent pixels ("white"); see `NOISE_LENGTH_PX`. dropout_share: single pixels without a
-    measurement. holes: elliptic blobs of about hole_radius_px without one. blind_left_px: columns that the
-    second imager does not see. mismatch_share: share of the pixels overwritten by 2x2 blocks of a disparity
-    drawn uniformly from the sensor's range. smear_px: width of the window over which a matcher averages 1/Z, after near
-    surfaces have grown by a third of it on each side; 0: edges are sharp. baseline_m: distance of the second imager to the right,
-    which does not see what near surfaces cover left of them, see `_hidden`; 0: it sees everything. flying_share: share of
-    the pixels at a depth edge that lie somewhere between its two sides. saturated_share: pixels written as 65535.
-    sky_is_far: what is beyond the range is marked "far" instead of "no measurement"."""
-
-    ke_per_m: float = 0.0
+    ke_per_m: float = 0.0  # noise, sigma_Z = ke * Z^2, normal in 1/Z
+    # distance over which the correlation of that noise falls to 1/e, 0 for independent pixels ("white"); see
+    # `NOISE_LENGTH_PX`
     noise_length_px: float = NOISE_LENGTH_PX
-    dropout_share: float = 0.0
-    holes: int = 0
+    dropout_share: float = 0.0  # single pixels without a measurement
+    holes: int = 0  # elliptic blobs of about hole_radius_px without one
     hole_radius_px: float = 12.0
-    blind_left_px: int = 0
+    blind_left_px: int = 0  # columns that the second imager does not see
+    # share of the pixels overwritten by 2x2 blocks of a disparity drawn uniformly from the sensor's range
     mismatch_share: float = 0.0
-    flying_share: float = 0.0
-    saturated_share: float = 0.0
-    sky_is_far: bool = False
+    flying_share: float = 0.0  # share of the pixels at a depth edge that lie somewhere between its two sides
+    saturated_share: float = 0.0  # pixels written as 65535
+    sky_is_far: bool = False  # what is beyond the range is marked "far" instead of "no measurement"
+    # width of the window over which a matcher averages 1/Z, after near surfaces have grown by a third of it on each
+    # side; 0: edges are sharp
     smear_px: float = 0.0
+    # distance of the second imager to the right, which does not see what near surfaces cover left of them, see
+    # `_hidden`; 0: it sees everything
     baseline_m: float = 0.0
 
     def __post_init__(self) -> None:

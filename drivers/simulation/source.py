@@ -47,14 +47,12 @@ def camera_info(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Truth:
-    """What each pixel's ray really meets. depth_m: (H, W) float64 Z, inf: nothing; solid: (H, W) int32 index
-    into the scene's solids or -1; height_m: (H, W) float64 above the scene's ground, nan: nothing;
-    points_level_cam_m: (H, W, 3) float64, not finite: nothing."""
+    """What each pixel's ray really meets."""
 
-    depth_m: Floats
-    solid: NDArray[np.int32]
-    height_m: Floats
-    points_level_cam_m: Floats
+    depth_m: Floats  # (H, W) float64 Z, inf: nothing
+    solid: NDArray[np.int32]  # (H, W) int32 index into the scene's solids or -1
+    height_m: Floats  # (H, W) float64 above the scene's ground, nan: nothing
+    points_level_cam_m: Floats  # (H, W, 3) float64, not finite: nothing
     drawn_ground: NDArray[np.bool_]
 
     def obstacle(self, min_height_m: float = 0.6) -> NDArray[np.bool_]:

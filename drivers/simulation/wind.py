@@ -20,11 +20,12 @@ COMPENSATES_S = 1.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Wind:
-    """steady_m_s, gust_m_s: (2,) north and east, to where it blows; a gust adds up to gust_m_s. period_s: length of one gust."""
+    """A wind with gusts."""
 
+    # steady_m_s, gust_m_s: (2,) north and east, to where it blows; a gust adds up to gust_m_s
     steady_m_s: Vector
     gust_m_s: Vector
-    period_s: float = 3.0
+    period_s: float = 3.0  # length of one gust
 
     def at(self, t_s: float) -> Vector:
         """(2,) m/s."""
@@ -35,10 +36,10 @@ class Wind:
 
 @dataclass(slots=True, eq=False)
 class WindPush:
-    """`step` with the time. drag_per_s: acceleration by the speed relative to the air."""
+    """`step` with the time."""
 
     wind: Wind
-    drag_per_s: float
+    drag_per_s: float  # acceleration by the speed relative to the air
     compensated_m_s: Vector = field(init=False)
     """(2,) wind against which the vehicle leans."""
     _t_s: float = 0.0

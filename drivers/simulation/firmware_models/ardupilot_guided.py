@@ -48,10 +48,10 @@ def sqrt_speed_m_s(distance_m: float, gain: float, acceleration: float) -> float
 
 @dataclass(slots=True)
 class GuidedVehicle:
-    """`target` as the companion or the ground station sends it, `step` at 400 Hz. distance_m: to the wall, as received."""
+    """`target` as the companion or the ground station sends it, `step` at 400 Hz."""
 
     params: GuidedParams
-    distance_m: float
+    distance_m: float  # to the wall, as received
     speed_m_s: float = 0.0
     _target: float = 0.0
     _desired: float = 0.0

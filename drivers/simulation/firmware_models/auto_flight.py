@@ -51,11 +51,11 @@ ACCEPTED, DENIED, UNSUPPORTED, FAILED = 0, 2, 3, 4
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Limits:
-    """Of the horizontal motion, SI units. delay_s: before a stop mode begins to brake."""
+    """Of the horizontal motion, SI units."""
 
     acceleration_m_s2: float
     jerk_m_s3: float
-    delay_s: float = 0.0
+    delay_s: float = 0.0  # before a stop mode begins to brake
 
 
 class Yaw(StrEnum):
@@ -71,12 +71,10 @@ class Yaw(StrEnum):
 
 @dataclass(slots=True, eq=False)
 class AutoFlight(ABC):
-    """`command` with each COMMAND_LONG, `step` flies. waypoints_m: (N, 2), flown in order.
+    """`command` with each COMMAND_LONG, `step` flies."""
 
-    acceptance_m: the next waypoint counts from this distance on, and the vehicle flies through the corner; 0: it stops at each.
-    yaw: see Yaw. velocity_target_m_s: (2,) of Offboard or GUIDED. ignores_commands: commands are not received; stubborn: they are
-    acknowledged and have no effect."""
-
+    # (N, 2), flown in order. acceptance_m: the next waypoint counts from this distance on, and the vehicle flies
+    # through the corner; 0: it stops at each
     waypoints_m: Vector
     height_m: float
     cruise_m_s: float
@@ -85,11 +83,11 @@ class AutoFlight(ABC):
     velocity_m_s: Vector = field(default_factory=lambda: np.zeros(2))
     heading_rad: float = 0.0
     yaw_rate_rad_s: float = math.radians(60.0)
-    yaw: Yaw = Yaw.FIRST
+    yaw: Yaw = Yaw.FIRST  # see Yaw
     acceptance_m: float = 0.0
-    velocity_target_m_s: Vector = field(default_factory=lambda: np.zeros(2))
-    ignores_commands: bool = False
-    stubborn: bool = False
+    velocity_target_m_s: Vector = field(default_factory=lambda: np.zeros(2))  # (2,) of Offboard or GUIDED
+    ignores_commands: bool = False  # commands are not received
+    stubborn: bool = False  # they are acknowledged and have no effect
     next_waypoint: int = 0
     wind: Wind | None = None
     _push: WindPush | None = None

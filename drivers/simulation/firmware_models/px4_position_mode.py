@@ -28,8 +28,7 @@ GRAVITY_M_S2 = 9.81
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Px4Params:
-    """Parameters of PX4 with their default values, in SI units; names as in PX4. round_index: the bin of a direction is the
-    nearest one instead of the one below (v1.16 exists in both forms)."""
+    """Parameters of PX4 with their default values, in SI units; names as in PX4."""
 
     cp_delay_s: float = 0.4
     cp_guide_ang_deg: float = 30.0
@@ -39,6 +38,7 @@ class Px4Params:
     mpc_xy_p: float = 0.95
     mpc_xy_vel_p_acc: float = 1.8
     mpc_tiltmax_air_deg: float = 45.0
+    # the bin of a direction is the nearest one instead of the one below (v1.16 exists in both forms)
     round_index: bool = False
 
     @property
@@ -71,13 +71,13 @@ def direction_deg(v: Vector) -> float:
 
 @dataclass(slots=True, eq=False)
 class CollisionMap:
-    """What collision prevention knows at one instant. cm: (N,) value of each bin; axes: (N, 2) unit vectors."""
+    """What collision prevention knows at one instant."""
 
     reader: Px4Reader
     params: Px4Params
     now_ns: int
-    cm: Vector = field(init=False)
-    axes: Vector = field(init=False)
+    cm: Vector = field(init=False)  # (N,) value of each bin
+    axes: Vector = field(init=False)  # (N, 2) unit vectors
 
     def __post_init__(self) -> None:
         self.cm = np.array(self.reader.bins_cm(self.now_ns), float)

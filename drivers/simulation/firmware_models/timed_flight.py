@@ -14,9 +14,9 @@ STEP_NS = 20_000_000
 
 @dataclass(slots=True)
 class TimedFlight:
-    """flight: as it is at the newest instant. None: there is none, and nothing is answered."""
+    """A flight that follows the clock."""
 
-    flight: AutoFlight | None
+    flight: AutoFlight | None  # as it is at the newest instant. None: there is none, and nothing is answered.
     _now_ns: int = field(default=0)
 
     def until(self, now_ns: int) -> None:

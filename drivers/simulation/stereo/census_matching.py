@@ -19,25 +19,22 @@ _NONE = -1.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CensusParams:
-    """disparities: searched. rows, columns: of the census window. threshold_grey: a pixel counts as darker than the centre of the
-    window only by more than this. p1, p2: penalties of a step of one and of more, in bits. paths: 4 (both directions of rows and
-    columns) or 2 (rows only). least_margin:
-    the best cost must lie this share below the best one elsewhere. most_cost: share of the census bits that may differ.
-    check_px: left and right agree within. subpixel_bits: steps of 1 / 2^bits px (5 by default in DepthAI 3.12 and in a D400).
-    speckle_px: smaller patches are dropped, 0 none."""
+    """Parameters of the matching."""
 
-    disparities: int = 96
+    disparities: int = 96  # searched
+    # rows, columns: of the census window
     rows: int = 5
     columns: int = 7
-    threshold_grey: int = 0
+    threshold_grey: int = 0  # a pixel counts as darker than the centre of the window only by more than this
+    # p1, p2: penalties of a step of one and of more, in bits
     p1: int = 4
     p2: int = 16
-    paths: int = 4
-    least_margin: float = 0.05
-    most_cost: float = 0.35
-    check_px: float = 1.0
-    subpixel_bits: int = 3
-    speckle_px: int = 0
+    paths: int = 4  # 4 (both directions of rows and columns) or 2 (rows only)
+    least_margin: float = 0.05  # the best cost must lie this share below the best one elsewhere
+    most_cost: float = 0.35  # share of the census bits that may differ
+    check_px: float = 1.0  # left and right agree within
+    subpixel_bits: int = 3  # steps of 1 / 2^bits px (5 by default in DepthAI 3.12 and in a D400)
+    speckle_px: int = 0  # smaller patches are dropped, 0 none
 
 
 @kernel

@@ -15,19 +15,16 @@ Image = NDArray[np.float32]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Exposure:
-    """How a pair of imagers turns brightness into grey levels.
+    """How a pair of imagers turns brightness into grey levels."""
 
-    noise_grey: standard deviation of the noise at mid grey (128), half of its variance from reading, half from photons.
-    target: mean grey level that the automatic exposure aims at, 0..1. gamma: of the response curve. vignetting: loss of light in
-    the corners. right_gain: brightness of the right imager over that of the left one. blur_px: motion of the image during the
-    exposure (to the right, down). min_gain, max_gain: limits of the automatic exposure."""
-
+    # standard deviation of the noise at mid grey (128), half of its variance from reading, half from photons
     noise_grey: float = 1.0
-    target: float = 0.45
-    gamma: float = 2.2
-    vignetting: float = 0.15
-    right_gain: float = 1.01
-    blur_px: tuple[float, float] = (0.0, 0.0)
+    target: float = 0.45  # mean grey level that the automatic exposure aims at, 0..1
+    gamma: float = 2.2  # of the response curve
+    vignetting: float = 0.15  # loss of light in the corners
+    right_gain: float = 1.01  # brightness of the right imager over that of the left one
+    blur_px: tuple[float, float] = (0.0, 0.0)  # motion of the image during the exposure (to the right, down)
+    # min_gain, max_gain: limits of the automatic exposure
     min_gain: float = 0.02
     max_gain: float = 8.0
 

@@ -22,13 +22,13 @@ TurnDeg = tuple[float, float, float]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GlassPane:
-    """A pane of glass: the solids with this name. normal_ned: unit normal of its face, point_ned_m: a point on it.
-    outside: names of the solids before it, which it mirrors, with the ground and the sky. It adds `reflects` of the
-    mirrored brightness and lets `transmits` of what is behind it through."""
+    """A pane of glass: the solids with this name."""
 
     name: str
-    normal_ned: tuple[float, float, float]
+    normal_ned: tuple[float, float, float]  # unit normal of its face, point_ned_m: a point on it
     point_ned_m: tuple[float, float, float]
+    # names of the solids before it, which it mirrors, with the ground and the sky. It adds `reflects` of the mirrored
+    # brightness and lets `transmits` of what is behind it through.
     outside: tuple[str, ...] = ()
     reflects: float = 0.15
     transmits: float = 0.8
@@ -36,13 +36,13 @@ class GlassPane:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StereoView:
-    """A rectified stereo camera. intrinsics: of both images; baseline_m: the right camera is this far to the right; imagers_deg: by how
-    much the left and the right imager are turned from the rectified view. Their noisy images are rectified by interpolation then, as
-    a driver does."""
+    """A rectified stereo camera."""
 
-    intrinsics: Intrinsics
-    baseline_m: float
+    intrinsics: Intrinsics  # of both images
+    baseline_m: float  # the right camera is this far to the right
     exposure: Exposure = field(default_factory=Exposure)
+    # by how much the left and the right imager are turned from the rectified view. Their noisy images are rectified by
+    # interpolation then, as a driver does.
     imagers_deg: tuple[TurnDeg, TurnDeg] = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
 
     def R_rectified_imager(self, eye: int) -> Floats:
@@ -113,12 +113,11 @@ def brightness(
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class PairBrightness:
-    """Brightness (H, W) float32 of both imagers, before exposure and noise; view: the camera that rectifies them, None: they are
-    rectified."""
+    """Brightness (H, W) float32 of both imagers, before exposure and noise."""
 
     left: NDArray[np.float32]
     right: NDArray[np.float32]
-    view: StereoView | None = None
+    view: StereoView | None = None  # the camera that rectifies them, None: they are rectified
 
 
 def pair_brightness(

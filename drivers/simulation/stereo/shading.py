@@ -23,22 +23,21 @@ _LEAST_FACING = 1.0 / 128.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Projector:
-    """A dot projector beside the cameras. offset_m: along the baseline from the left camera. strength: its brightness on a
-    white surface at 1 m, in units of the scene's light; it falls with the square of the distance. pitch_rad: angle between
-    dots."""
+    """A dot projector beside the cameras."""
 
-    offset_m: float
+    offset_m: float  # along the baseline from the left camera
+    # its brightness on a white surface at 1 m, in units of the scene's light; it falls with the square of the distance
     strength: float
-    pitch_rad: float = 0.008
+    pitch_rad: float = 0.008  # angle between dots
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Light:
-    """What lies between surfaces and camera. fog_per_m: extinction. seed: of textures and clouds."""
+    """What lies between surfaces and camera."""
 
     sky: Sky
-    fog_per_m: float = 0.0
-    seed: int = 0
+    fog_per_m: float = 0.0  # extinction
+    seed: int = 0  # of textures and clouds
     projector: Projector | None = None
 
 
@@ -97,34 +96,35 @@ def _footprint(dx: float, dy: float, dz: float, n: Floats, size_m: float, out: F
 
 
 class _Rays(NamedTuple):
-    """Hits of the rays of a view: depth z and solid `which` (H, W); k: fx, fy, cx, cy; R_ned_optical; origin in ned."""
+    """Hits of the rays of a view."""
 
-    z: Floats
-    which: NDArray[np.int32]
-    k: Floats
+    z: Floats  # (H, W) depth
+    which: NDArray[np.int32]  # (H, W) index of the solid
+    k: Floats  # fx, fy, cx, cy
     R_ned_optical: Floats
-    origin_m: Floats
+    origin_m: Floats  # in ned
 
 
 class _Solids(NamedTuple):
-    """Solids of a scene; material_of: (S,) row of `materials`."""
+    """Solids of a scene."""
 
     kinds: NDArray[np.int32]
     rows: Floats
     halfspaces: Floats
-    material_of: NDArray[np.int32]
+    material_of: NDArray[np.int32]  # (S,) row of `materials`
     materials: Floats
 
 
 class _Lighting(NamedTuple):
-    """Rows of the sky, the projector and its dots; glare: whether it is rendered."""
+    """The light of a scene, for kernels."""
 
-    sky: Floats
+    sky: Floats  # its row
     fog_per_m: float
     seed: int
+    # projector, dots: row of the projector and of its dots
     projector: Floats
     dots: Floats
-    glare: bool
+    glare: bool  # whether it is rendered
 
 
 @kernel
@@ -178,10 +178,10 @@ def _shade(rays: _Rays, solids: _Solids, light: _Lighting, out: NDArray[np.float
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Surfaces:
-    """The solids of a scene with a material each. material_of: (S,) int32 index into materials."""
+    """The solids of a scene with a material each."""
 
     scene: Scene
-    material_of: NDArray[np.int32]
+    material_of: NDArray[np.int32]  # (S,) int32 index into materials
     materials: tuple[Material, ...]
 
     def without(self, gone: NDArray[np.bool_]) -> Surfaces:

@@ -12,19 +12,19 @@ from .textures import Floats, kernel, value_noise
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Sky:
-    """horizon, zenith: brightness in units of a white surface in full light. cloud_contrast: brightness of the clouds over
-    that of the sky behind them (0: none); cloud_cover: 0..1. sun_azimuth_rad, sun_elevation_rad: where the sun is, also for the
-    light on surfaces. glare: brightness of the veil that its light makes in the lens, at the sun (0: the sun is behind a veil
-    and not drawn). ambient: share of the light that comes from no direction."""
+    """Sky and sun."""
 
+    # horizon, zenith: brightness in units of a white surface in full light
     horizon: float = 0.85
     zenith: float = 0.45
-    cloud_contrast: float = 0.0
-    cloud_cover: float = 0.5
+    cloud_contrast: float = 0.0  # brightness of the clouds over that of the sky behind them (0: none)
+    cloud_cover: float = 0.5  # 0..1
+    # sun_azimuth_rad, sun_elevation_rad: where the sun is, also for the light on surfaces
     sun_azimuth_rad: float = 2.4
     sun_elevation_rad: float = 0.8
+    # brightness of the veil that its light makes in the lens, at the sun (0: the sun is behind a veil and not drawn)
     glare: float = 0.0
-    ambient: float = 0.45
+    ambient: float = 0.45  # share of the light that comes from no direction
 
     def row(self) -> Floats:
         """(9,) float64 for the kernels."""

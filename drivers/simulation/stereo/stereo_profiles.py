@@ -29,18 +29,18 @@ Disparity = NDArray[np.float32]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StereoProfile:
-    """One kind of stereo camera. match: the host's matcher; census: the device's own, then only the confidence rules
-    of `match` are used, and only with host_check: the driver tests the device's depth with its rectified images.
-    disparity_sigma_px: prior of the noise, as the driver states it."""
+    """One kind of stereo camera."""
 
     name: str
     view: StereoView
-    match: MatchParams = field(default_factory=MatchParams)
+    match: MatchParams = field(default_factory=MatchParams)  # the host's matcher
+    # the device's own, then only the confidence rules of `match` are used, and only with host_check: the driver tests
+    # the device's depth with its rectified images
     census: CensusParams | None = None
     projector: Projector | None = None
     min_range_m: float = 0.5
     max_range_m: float = 15.0
-    disparity_sigma_px: float = 0.3
+    disparity_sigma_px: float = 0.3  # prior of the noise, as the driver states it
     host_check: bool = False
 
     def info(self, camera: str = "front", mount: CameraMount | None = None) -> CameraInfo:

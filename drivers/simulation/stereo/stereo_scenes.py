@@ -72,17 +72,16 @@ def surfaces_of(scene: Scene, ground: Material | None = None) -> Surfaces:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class StereoScene:
-    """A scene with all that decides how it looks. panes: its glass. blank: names of untextured things whose outlines are to be
-    found. stand_m: height of the surface over which the camera flies; highest_m: no camera above it."""
+    """A scene with all that decides how it looks."""
 
     name: str
     surfaces: Surfaces
     sky: Sky = CLEAR
     fog_per_m: float = 0.0
-    panes: tuple[GlassPane, ...] = ()
-    blank: tuple[str, ...] = ()
-    stand_m: float = 0.0
-    highest_m: float = math.inf
+    panes: tuple[GlassPane, ...] = ()  # its glass
+    blank: tuple[str, ...] = ()  # names of untextured things whose outlines are to be found
+    stand_m: float = 0.0  # height of the surface over which the camera flies
+    highest_m: float = math.inf  # no camera above it
 
     @property
     def scene(self) -> Scene:

@@ -42,17 +42,15 @@ class Pattern(IntEnum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Material:
-    """The look of a surface.
+    """The look of a surface."""
 
-    albedo: mean reflectance 0..1. contrast: standard deviation of the noise over the mean. coarse_m, fine_m: longest and
-    shortest wavelength of the noise. persistence: amplitude of an octave over that of the next longer one. pattern: with
-    period_m (along the surface, up the surface) and width_m of its lines, whose reflectance is line_albedo."""
-
-    albedo: float
-    contrast: float = 0.0
+    albedo: float  # mean reflectance 0..1
+    contrast: float = 0.0  # standard deviation of the noise over the mean
+    # coarse_m, fine_m: longest and shortest wavelength of the noise
     coarse_m: float = 0.5
     fine_m: float = 0.02
-    persistence: float = 0.8
+    persistence: float = 0.8  # amplitude of an octave over that of the next longer one
+    # with period_m (along the surface, up the surface) and width_m of its lines, whose reflectance is line_albedo
     pattern: Pattern = Pattern.NONE
     period_m: tuple[float, float] = (1.0, 1.0)
     width_m: float = 0.01
