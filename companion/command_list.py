@@ -102,7 +102,7 @@ GROUPS: Final[dict[str, dict[str, Command]]] = {
             ),
         ),
         "replay": Command(
-            "replay.replay",
+            "replay.command",
             "compute the obstacles of a log again, and compare them with the recorded ones on request",
             (
                 "companion replay flight.mcap -o prisms.mcap",

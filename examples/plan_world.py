@@ -17,8 +17,9 @@ import numpy as np
 
 from companion.config.loader import Config
 from companion.live.world_thread import observation_of
+from companion.pipeline.configured import make_pipeline
 from companion.pipeline.results import PrismsResult
-from companion.replay.replay import make_pipeline, process
+from companion.replay.replay import process
 from companion.replay.summary import ReplayCounts
 from companion.viewer.png import drawing_library, new_figure
 from core.world.world import World

@@ -25,8 +25,9 @@ import numpy as np
 from companion.config.loader import Config
 from companion.log.log_writer import write_recording
 from companion.log.provenance import run_info
+from companion.pipeline.configured import make_pipeline
 from companion.pipeline.results import FrameDecision, PrismsResult
-from companion.replay.replay import make_pipeline, process
+from companion.replay.replay import process
 from companion.replay.summary import ReplayCounts
 from core.types import FrameModel, FreeProfile, Ground
 from drivers.logs.reader import McapRecording

@@ -54,7 +54,7 @@ def write_parts(
     """A flight as the service records it, in rotated files that begin with their state; returns the files.
 
     busy: number of a frame that a newer one replaced before it was handled; -1: none."""
-    from companion.replay.replay import make_pipeline  # late: it imports the kernels
+    from companion.pipeline.configured import make_pipeline  # late: it imports the kernels
 
     pipeline = make_pipeline(Config(), (camera,))
     folder.mkdir(parents=True, exist_ok=True)

@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 from companion.config.loader import Config, load_config
 from companion.importers.folder import open_folder
 from companion.importers.report import ImportOptions, Report
+from companion.pipeline.configured import effective_cameras
 from companion.pipeline.pipeline import Pipeline
 from companion.pipeline.results import PrismsResult
 from companion.pipeline.transform import transform_model
-from companion.replay.replay import effective_cameras
 from core.extractor import Extractor
 from core.frames import R_CAMFRD_OPTICAL, rotation_from_quaternion, rotation_level_cam_optical
 from core.types import CameraInfo, DepthFrame, FreeProfile

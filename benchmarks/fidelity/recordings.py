@@ -23,9 +23,9 @@ from companion.bench.timing import Clock, Times, one_core
 from companion.config.loader import Config, load_config
 from companion.importers.folder import open_folder
 from companion.importers.report import ImportOptions, Report
+from companion.pipeline.configured import effective_cameras
 from companion.pipeline.pipeline import Pipeline
 from companion.pipeline.results import PrismsResult
-from companion.replay.replay import effective_cameras
 from core.extractor import Extractor
 from core.frames import R_CAMFRD_OPTICAL, rotation_from_quaternion
 from core.types import CameraInfo, ExtractorState, FrameModel

@@ -16,10 +16,11 @@ from osape_client.proto import osape_v1_pb2 as pb
 
 from ..log.log_writer import LogWriter, refuse_output
 from ..log.provenance import run_info
+from ..pipeline.configured import make_pipeline
 from ..pipeline.pipeline import Pipeline
 from ..replay.compare import key_of
 from ..replay.recorded_config import recorded_config
-from ..replay.replay import decoded_state, make_pipeline, opening_state, skipped_live
+from ..replay.recorded_run import decoded_state, opening_state, skipped_live
 
 _OPENING: Final = ("run", "camera_info", "calibration")
 """Messages that `LogWriter.begin` writes."""

@@ -7,6 +7,7 @@ not observed by the camera: it is reported as unseen, and the camera's failure a
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +15,7 @@ from numpy.typing import NDArray
 from core.types import UNKNOWN_MM, CameraInfo, Intrinsics
 
 from ..config.camera import CameraConfig
+from ..config.loader import Config
 
 Mask = NDArray[np.bool_]
 
@@ -39,6 +41,11 @@ def configured_mask(section: CameraConfig, info: CameraInfo) -> Mask | None:
     for corners in polygons(section.masks):
         out |= _inside(k, corners)
     return out
+
+
+def masks_of(config: Config) -> Callable[[CameraInfo], Mask | None]:
+    """A function that returns the `configured_mask` of a camera."""
+    return lambda info: configured_mask(config.camera(info.camera), info)
 
 
 def outside_text(section: CameraConfig, info: CameraInfo) -> str:

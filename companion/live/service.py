@@ -16,22 +16,21 @@ from typing import TYPE_CHECKING, Any
 import zmq
 from google.protobuf.message import Message
 
-from core.extractor import Extractor
 from core.types import AttitudeSample, CameraInfo, DepthFrame, PoseSample
 from drivers.mavlink.session import MAV_STATE_CRITICAL
 from drivers.mavlink.signing import Signing
 from osape_client.boot import boot_id
 
 from ..autopilot.session_factory import signing_of
-from ..cameras.masks import Mask, configured_mask, outside_text, unmeasured_mask
+from ..cameras.masks import masks_of, outside_text, unmeasured_mask
 from ..cameras.supervisor import CameraSupervisor
 from ..config.loader import Config
 from ..diagnostic import Diagnostic
 from ..log.provenance import run_info
 from ..log.recorder import Recorder
 from ..paths import Folders
+from ..pipeline.configured import make_pipeline
 from ..pipeline.events import RawFrame
-from ..pipeline.pipeline import Pipeline
 from ..pipeline.results import PrismsResult
 from ..pipeline.tracking import TracksResult
 from ..streams.curve_auth import AllowList, load_keys
@@ -116,27 +115,15 @@ class Service:
         previews: DepthPreviews,
         warm_up: Callable[[], None],
     ) -> PipelineThread:
-        config = self.config
-
-        def mask(info: CameraInfo) -> Mask | None:
-            return configured_mask(config.camera(info.camera), info)
-
-        pipeline = Pipeline(
-            (),
-            lambda info: Extractor(config.extractor, config.open_sky),
-            config.sync,
-            mask=mask,
-            mount_check=config.mount_check,
-            tracking=config.tracking,
-        )
+        pipeline = make_pipeline(self.config)
         callbacks = ClockCallbacks(clock=autopilot.clock, armed=autopilot.armed)
         return PipelineThread(
             pipeline,
             event_queue,
             self._staleness,
             Receivers(result=self._publish, tracks=self._publish_tracks, frame=previews.show),
-            LogFeed(recorder, config.record.record, callbacks, pipeline),
-            MotionChecks(mask),
+            LogFeed(recorder, self.config.record.record, callbacks, pipeline),
+            MotionChecks(masks_of(self.config)),
             warm_up,
         )
 

@@ -1,63 +1,37 @@
-"""`companion replay`: runs a log through the pipeline and writes a log with prisms. The same input gives the same
-bytes."""
+"""Runs a log through the pipeline and writes a log with prisms. The same input gives the same bytes."""
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
-from core.extractor import Extractor
 from core.types import CameraInfo, DepthFrame
 from drivers.base import BadData, Event
 from drivers.logs.reader import LoggedMessage, McapRecording
 from drivers.logs.topics import TOPICS
 from osape_client.proto import osape_v1_pb2 as pb
 
-from ..argument_types import number_in
-from ..cameras.masks import configured_mask, outside_text
-from ..common_options import add_config, add_replace
+from ..cameras.masks import masks_of, outside_text
 from ..config.loader import Config, ConfigError, load_config
 from ..config.obstacle_range import obstacle_range_m
-from ..console import fail, print_json, progress, warn
-from ..kernels.warmup import ensure_compiled
 from ..log.log_writer import LogWriter, refuse_output
 from ..log.provenance import run_info
-from ..pipeline.encode import prisms_message, state_from_message, wire_bytes
+from ..pipeline.configured import make_pipeline
+from ..pipeline.encode import prisms_message, wire_bytes
 from ..pipeline.pipeline import Pipeline
 from ..pipeline.results import Output, PrismsResult
 from ..pipeline.state import PipelineState
 from ..pipeline.track_messages import tracks_message
 from ..pipeline.tracking import TracksResult
 from ..self_check.exposure_monitor import ExposureOffsetMonitor
-from ..usage_error import UsageError
 from .compare import Comparison, Key, key_of
 from .observer import Observer
 from .recorded_config import readable_recorded_config, recorded_config
-from .replay_report import Replay, depth_note, print_report, replay_problems, report
+from .recorded_run import decoded_state, opening_state, skipped_live
+from .replay_report import Replay, depth_note
 from .summary import ReplayCounts
-
-
-def make_pipeline(config: Config, cameras: Iterable[CameraInfo], state: PipelineState | None = None) -> Pipeline:
-    """The pipeline of a configuration, with its camera settings applied."""
-    infos = effective_cameras(config, cameras)
-    return Pipeline(
-        infos,
-        lambda info: Extractor(config.extractor, config.open_sky),
-        config.sync,
-        state,
-        mask=lambda info: configured_mask(config.camera(info.camera), info),
-        mount_check=config.mount_check,
-        tracking=config.tracking,
-    )
-
-
-def effective_cameras(config: Config, cameras: Iterable[CameraInfo]) -> tuple[CameraInfo, ...]:
-    """The cameras' descriptions with the configured values applied."""
-    return tuple(config.camera(info.camera).applied_to(info) for info in cameras)
 
 
 def process(
@@ -104,13 +78,13 @@ def replay(
         pipeline = _pipeline_of(source, config)
         comparisons = {key: Comparison(options.tolerance) for key in ("prisms", "tracks") if options.check}
         prisms, tracks = comparisons.get("prisms"), comparisons.get("tracks")
-        cameras = effective_cameras(config, source.cameras)
+        cameras = pipeline.cameras
         result = Replay(ReplayCounts(), {}, tuple(info.camera for info in cameras), prisms, tracks)
         skipped = skipped_live(path) if options.check or options.as_live else frozenset()
         log = stack.enter_context(LogWriter(options.output)) if options.output is not None else None
         sink = _Sink(log, config, options.depth and config.output.copy_input, cameras, pipeline.state())
         events = _without(_events(source, comparisons, pipeline, observer), skipped)
-        monitor = _exposure_monitor(config, pipeline.cameras)
+        monitor = _exposure_monitor(config, cameras)
         try:
             for event, outputs in process(events, pipeline, result.counts):
                 monitor.event(event)
@@ -129,12 +103,7 @@ def replay(
             result.unwritten = log.path
         result.sample_anomalies = pipeline.sample_anomalies()
         result.exposure_offsets = monitor.offsets()
-        result.obstacle_range_m = {
-            info.camera: obstacle_range_m(info, result.counts.ke_per_m.get(info.camera), config.extractor)
-            for info in cameras
-        }
-        texts = ((info.camera, outside_text(config.camera(info.camera), info)) for info in cameras)
-        result.mask_faults = tuple(f"camera {camera}: {text}" for camera, text in texts if text)
+        _add_camera_findings(result, config, cameras)
         _add_recorded_settings(result, source)
         return result
 
@@ -149,10 +118,19 @@ def _pipeline_of(source: McapRecording, config: Config) -> Pipeline:
 
 
 def _exposure_monitor(config: Config, cameras: Iterable[CameraInfo]) -> ExposureOffsetMonitor:
-    monitor = ExposureOffsetMonitor(lambda info: configured_mask(config.camera(info.camera), info))
+    monitor = ExposureOffsetMonitor(masks_of(config))
     for info in cameras:
         monitor.announce(info)
     return monitor
+
+
+def _add_camera_findings(result: Replay, config: Config, cameras: Iterable[CameraInfo]) -> None:
+    """Adds what the report needs of the cameras as configured."""
+    for info in cameras:
+        ke_per_m = result.counts.ke_per_m.get(info.camera)
+        result.obstacle_range_m[info.camera] = obstacle_range_m(info, ke_per_m, config.extractor)
+        if text := outside_text(config.camera(info.camera), info):
+            result.mask_faults.append(f"camera {info.camera}: {text}")
 
 
 def _add_recorded_settings(result: Replay, source: McapRecording) -> None:
@@ -248,22 +226,6 @@ def _refuse_unknown_cameras(config: Config, name: str, source: McapRecording) ->
         )
 
 
-def opening_state(source: McapRecording) -> PipelineState | None:
-    """The state at the beginning of the log. Raises BadData when it cannot be used."""
-    return None if source.snapshot is None else decoded_state(source, source.snapshot)
-
-
-def decoded_state(source: McapRecording, state: pb.StateSnapshot) -> PipelineState:
-    """A state in the log. Raises BadData when it cannot be used."""
-    try:
-        return state_from_message(state)
-    except ValueError as error:
-        raise BadData(
-            f"{source.path}: {TOPICS['state'].name}: {error}; the frames depend on it. Use another copy of the file, "
-            "or import the recording again"
-        ) from error
-
-
 def _events(
     source: McapRecording, comparisons: Mapping[str, Comparison], pipeline: Pipeline, observer: Observer | None
 ) -> Iterator[Event]:
@@ -289,82 +251,3 @@ def _without(events: Iterator[Event], skipped: frozenset[Key]) -> Iterator[Event
     for event in events:
         if not isinstance(event, DepthFrame) or key_of(event) not in skipped:
             yield event
-
-
-def skipped_live(path: Path) -> frozenset[Key]:
-    """Frames that the live run skipped because newer ones were waiting; they did not change its state."""
-    skipped: set[Key] = set()
-    try:
-        with McapRecording(path) as source:
-            for item in source.messages("decision"):
-                if isinstance(item.message, pb.FrameDecision) and item.message.cause == pb.CAUSE_BUSY:
-                    skipped.add(key_of(item.message))
-    except BadData:
-        return frozenset(skipped)  # the replay reports the same damage
-    return frozenset(skipped)
-
-
-def add_parser(subparsers: Any) -> None:
-    """The command line of `companion replay`."""
-    parser = subparsers.add_parser("replay")
-    parser.add_argument("input", type=Path, metavar="IN.mcap", help="a log with depth images and attitude")
-    parser.add_argument("-o", "--output", type=Path, metavar="OUT.mcap", help="write a log with the obstacles (prisms)")
-    add_replace(parser)
-    add_config(parser, "use this configuration instead of the recorded one")
-    parser.add_argument(
-        "--check",
-        action="store_true",
-        help="compare the result with the prisms in the log, bit by bit; status 1 if they differ",
-    )
-    parser.add_argument(
-        "--tolerance",
-        type=number_in(float, 0.0, 1.0),
-        metavar="X",
-        help="with --check: greatest allowed difference of two numbers in their unit (m, rad), for another type of processor (default: 0)",
-    )
-    parser.add_argument("--no-depth", action="store_true", help="leave the depth images out of OUT.mcap")
-    parser.add_argument("--json", action="store_true", help="print one JSON object")
-
-
-def run(args: argparse.Namespace) -> int:
-    """0: success; 1: the input was damaged, frames were dropped or the check failed. Raises UsageError."""
-    if args.tolerance is not None and not args.check:
-        raise UsageError("--tolerance needs --check")
-    if args.replace and args.output is None:
-        raise UsageError("--replace needs -o OUT.mcap, the file to replace")
-    if args.no_depth and args.output is None:
-        raise UsageError("--no-depth needs -o OUT.mcap: it leaves the depth images out of that file")
-    options = Options(
-        output=args.output,
-        replace=args.replace,
-        config=args.config,
-        check=args.check,
-        tolerance=args.tolerance or 0.0,
-        depth=not args.no_depth,
-    )
-    config = check_input(args.input, options)  # a mistake is not to wait for the compiler
-    ensure_compiled("extractor", *(("tracking",) if config.tracking.enabled else ()))
-    share = 0.0
-    with progress("replay") as show:
-
-        def on_progress(now: float) -> None:
-            nonlocal share
-            share = now
-            show(now)
-
-        try:
-            result = replay(args.input, options, on_progress)
-        except KeyboardInterrupt as interrupt:
-            unwritten = f"; {args.output} was not written" if args.output is not None else ""
-            raise KeyboardInterrupt(f"interrupted after {share:.0%} of {args.input}{unwritten}") from interrupt
-    problems = replay_problems(result)
-    written = args.output if result.unwritten is None else None
-    if args.json:
-        print_json(report(result, args.input, written, problems))
-    else:
-        print_report(result, written)
-    for text in result.mask_faults:
-        warn(text)
-    for problem in problems:
-        fail(problem)
-    return 1 if problems else 0

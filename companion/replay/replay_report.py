@@ -37,9 +37,8 @@ class Replay:
     configured_offsets_ms: dict[str, float] = field(default_factory=dict)
     # by camera, the detection range at the noise of its last frame
     obstacle_range_m: dict[str, float] = field(default_factory=dict)
-    mask_faults: tuple[str, ...] = ()  # cameras with a mask outside of the image, as text
-    depth_note: str = ""
-    """What the check cannot compare, of a log that was recorded without all depth images."""
+    mask_faults: list[str] = field(default_factory=list)  # cameras with a mask outside of the image, as text
+    depth_note: str = ""  # what the check cannot compare, of a log that was recorded without all depth images
 
 
 def depth_note(record: RecordParams) -> str:
@@ -165,6 +164,22 @@ def _named(key: Key) -> dict[str, Any]:
 
 def print_report(result: Replay, output: Path | None) -> None:
     """Prints the summary."""
+    _print_frames(result)
+    for offset in result.exposure_offsets:
+        warning = _offset_warning(offset, result)
+        print_line(f"warning: {warning}" if warning else f"camera {offset.camera}: exposure time offset: {offset.text}")
+    if result.sample_anomalies:
+        listed = ", ".join(f"{anomaly.replace('_', ' ')}: {n}" for anomaly, n in result.sample_anomalies.items())
+        print_line(f"samples: {listed}")
+    for advice in result.counts.advice():
+        print_line(f"warning: {advice.text}")
+    _print_check(result)
+    if output is not None:
+        print_line(f"written: {output}")
+        print_line(f"next: companion view {shell_word(output)} -o pictures")
+
+
+def _print_frames(result: Replay) -> None:
     t = result.counts
     print_line(
         f"{counted(t.frames, 'frame')} of {', '.join(result.cameras)}; {t.samples} attitude and position samples"
@@ -187,27 +202,19 @@ def print_report(result: Replay, output: Path | None) -> None:
         print_line(f"{n} invalid frames: {text_of(code, InvalidCause)}")
     for code, n in sorted(t.dropped.items()):
         print_line(f"{counted(n, 'frame')} dropped: {text_of(code, DropCause)}")
-    for offset in result.exposure_offsets:
-        warning = _offset_warning(offset, result)
-        print_line(f"warning: {warning}" if warning else f"camera {offset.camera}: exposure time offset: {offset.text}")
-    if result.sample_anomalies:
-        listed = ", ".join(f"{anomaly.replace('_', ' ')}: {n}" for anomaly, n in result.sample_anomalies.items())
-        print_line(f"samples: {listed}")
-    for advice in t.advice():
-        print_line(f"warning: {advice.text}")
+
+
+def _print_check(result: Replay) -> None:
     if result.comparison is not None:
-        _print_check(result.comparison)
+        _print_comparison(result.comparison)
         if result.depth_note:
             print_line(f"check: {result.depth_note}")
     if result.tracks is not None and result.tracks.compared:
         verdict = "NOT equal" if result.tracks.different else "equal"
         print_line(f"check: tracks of {counted(result.tracks.compared, 'frame')} compared: {verdict}")
-    if output is not None:
-        print_line(f"written: {output}")
-        print_line(f"next: companion view {shell_word(output)} -o pictures")
 
 
-def _print_check(comparison: Comparison) -> None:
+def _print_comparison(comparison: Comparison) -> None:
     verdict = "equal" if comparison.passed else "NOT equal"
     how = "bit by bit" if comparison.tolerance == 0.0 else f"within {comparison.tolerance:g}"
     print_line(f"check: {counted(comparison.compared, 'frame')} compared {how}: {verdict}")

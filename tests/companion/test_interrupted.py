@@ -63,7 +63,7 @@ def test_a_replay_without_output_says_how_far_it_came(
         on_progress(0.25)
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("companion.replay.replay.replay", replay)
+    monkeypatch.setattr("companion.replay.command.replay", replay)
     assert main(["replay", str(LOG)]) == 130
     assert capsys.readouterr().err == f"companion: error: interrupted after 25% of {LOG}\n"
 

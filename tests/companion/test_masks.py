@@ -22,9 +22,9 @@ from companion.config.camera import CameraConfig
 from companion.config.loader import Config, ConfigError, config_of, config_text
 from companion.doctor import camera_check
 from companion.doctor.finding import Finding
+from companion.pipeline.configured import make_pipeline
 from companion.pipeline.pipeline import Pipeline
 from companion.pipeline.results import PrismsResult
-from companion.replay.replay import make_pipeline
 from core.extractor import Extractor
 from core.frames import quaternion_from_euler
 from core.types import AttitudeSample, CameraInfo, DepthFrame

@@ -31,10 +31,11 @@ from companion.log.log_writer import FileInUseError, LogWriter
 from companion.log.provenance import run_info
 from companion.log.recorder import Recorder
 from companion.log.repair import CHILD, Repairs, leftovers, repair_file
+from companion.pipeline.configured import make_pipeline
 from companion.pipeline.events import RawFrame
 from companion.pipeline.pipeline import Pipeline
 from companion.pipeline.state import PipelineState
-from companion.replay.replay import Options, make_pipeline, replay
+from companion.replay.replay import Options, replay
 from core.params import Params
 from core.stages.model import blind_model
 from core.types import AttitudeSample, CameraInfo, DepthFrame, ExtractorState, InvalidCause

@@ -18,10 +18,11 @@ from companion.config.loader import Config, config_from_text
 from companion.error_text import error_text
 from companion.log.log_writer import LogWriter, schema_bytes, write_recording
 from companion.log.provenance import run_info
+from companion.pipeline.configured import make_pipeline
 from companion.pipeline.encode import prisms_message, state_from_message, wire_bytes
 from companion.pipeline.state import PipelineState
 from companion.replay.compare import WAITING, Comparison, first_difference
-from companion.replay.replay import Options, make_pipeline, replay
+from companion.replay.replay import Options, replay
 from companion.replay.replay_report import replay_problems, report
 from companion.self_check.exposure_offset import ExposureOffset, OffsetState
 from core.types import AttitudeSample, CameraInfo, DepthFrame, Intrinsics, PoseSample
@@ -66,7 +67,7 @@ def prisms_of(path: Path) -> list[pb.PrismsFrame]:
 
 
 def test_a_mistake_does_not_wait_for_the_compiler(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    for command in ("replay.replay", "viewer.view"):
+    for command in ("replay.command", "viewer.view"):
         monkeypatch.setattr(f"companion.{command}.ensure_compiled", lambda *modes: pytest.fail("kernels were compiled"))
     assert main(["replay", str(tmp_path / "absent.mcap")]) == 1
     assert main(["view", str(tmp_path / "absent.mcap"), "-o", str(tmp_path / "out")]) == 1

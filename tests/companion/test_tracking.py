@@ -17,11 +17,12 @@ from companion.live.staleness import StalenessMonitor
 from companion.live.stream_output import StreamOutput
 from companion.log.log_writer import LogWriter, write_recording
 from companion.log.provenance import run_info
+from companion.pipeline.configured import make_pipeline
 from companion.pipeline.encode import state_from_message, state_message, wire_bytes
 from companion.pipeline.results import PrismsResult
 from companion.pipeline.track_messages import tracks_message
 from companion.pipeline.tracking import TracksResult, tracking_frame
-from companion.replay.replay import Options, make_pipeline, replay
+from companion.replay.replay import Options, replay
 from companion.replay.replay_report import replay_problems
 from companion.streams.publication import PublicationStamps
 from core.frames import level_cam_at, quaternion_from_euler

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from companion.config.loader import Config
+from companion.pipeline.configured import make_pipeline
 from companion.pipeline.encode import state_from_message, state_message, wire_bytes
 from companion.pipeline.pipeline import Pipeline
 from companion.pipeline.quaternion import product
@@ -16,7 +17,6 @@ from companion.pipeline.results import PrismsResult
 from companion.pipeline.state import PipelineState
 from companion.pipeline.track_messages import tracks_message
 from companion.pipeline.tracking import TracksResult
-from companion.replay.replay import make_pipeline
 from core.frames import quaternion_from_euler
 from core.tracking.params import TrackingParams
 from core.types import AttitudeSample, CameraInfo, Intrinsics, PoseSample

@@ -163,7 +163,8 @@ import sys
 from pathlib import Path
 from companion.kernels.run_kernels import run_kernels
 from companion.config.loader import Config
-from companion.replay.replay import make_pipeline, process
+from companion.pipeline.configured import make_pipeline
+from companion.replay.replay import process
 from companion.replay.summary import ReplayCounts
 from drivers.logs.reader import McapRecording
 from numba.core.dispatcher import Dispatcher
