@@ -14,7 +14,8 @@ from drivers.logs.reader import EVENT_KEYS, LoggedMessage, McapRecording
 from drivers.logs.topics import TOPICS
 from osape_client.proto import osape_v1_pb2 as pb
 
-from ..log.log_writer import LogWriter, refuse_output
+from ..log.log_file import refuse_output
+from ..log.log_writer import LogWriter
 from ..log.provenance import run_info
 from ..pipeline.configured import make_pipeline
 from ..pipeline.pipeline import Pipeline

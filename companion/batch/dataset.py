@@ -15,7 +15,7 @@ from typing import Any, Final
 
 from drivers.base import BadData, DeviceNotFound
 
-from ..log.log_writer import ACTIVE
+from ..log.log_file import ACTIVE
 from .flights import Flight
 from .parquet_table import arrow_module
 from .schema import SCHEMA_VERSION, TABLES

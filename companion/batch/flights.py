@@ -9,7 +9,7 @@ from typing import Final
 
 from ..console import warn
 from ..log.log_directory import flight_and_part
-from ..log.log_writer import ACTIVE
+from ..log.log_file import ACTIVE
 from .storage import StoredFile, find_logs, is_result
 
 UNKNOWN: Final = "unknown"

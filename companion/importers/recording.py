@@ -14,7 +14,8 @@ from drivers.base import BadData, DeviceNotFound, Event
 from drivers.regular_file import regular
 
 from ..config.loader import Config
-from ..log.log_writer import refuse_output, write_recording
+from ..log.log_file import refuse_output
+from ..log.log_writer import write_recording
 from ..log.provenance import run_info
 from ..pipeline.sync import NS
 from ..whole_file import write_whole

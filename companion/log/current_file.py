@@ -15,7 +15,8 @@ from osape_client.proto import osape_v1_pb2 as pb
 from ..config.service import RecordParams
 from ..pipeline.state import PipelineState
 from .log_directory import free_bytes, make_room, new_flight, part_path, used_bytes
-from .log_writer import CHUNK_BYTES, FileInUseError, LogWriter, UnfinishedLogError
+from .log_file import CHUNK_BYTES, FileInUseError, UnfinishedLogError
+from .log_writer import LogWriter
 from .repair import Repairs
 
 NS: Final = 1_000_000_000

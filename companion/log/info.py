@@ -1,160 +1,27 @@
-"""`companion info`: content, regularity and damage of a log."""
+"""`companion info`: prints content, regularity and damage of a log."""
 
 from __future__ import annotations
 
 import argparse
 import math
-from collections import Counter
-from dataclasses import dataclass, field
 from pathlib import Path
-from statistics import median
 from typing import Any, Final
-
-from google.protobuf.message import DecodeError
 
 from core.codes import text_of
 from core.types import CameraInfo, InvalidCause
-from drivers.logs.codec import camera_from_message
-from drivers.logs.reader import open_scan, our_channel
-from drivers.logs.record_scanner import Damage, Logged
 from drivers.shell_word import shell_word
-from osape_client.decode import cause_code
-from osape_client.proto import osape_v1_pb2 as pb
 
 from ..config.obstacle_range import obstacle_range_m
 from ..console import counted, fail, first_damages, print_json, print_line
 from ..pipeline.sync import DropCause
-from .log_writer import is_being_written
+from .log_content import NS, LogInfo, TopicInfo, read_log_info
+from .log_file import seems_written
 
-_GAP_MEDIANS: Final = 3.0
-"""An interval longer than this multiple of the median is a gap."""
-_NS: Final = 1_000_000_000
 _LISTED: Final = 40
 _MIN_GAP_NS: Final = 150_000_000
 """Shorter gaps are not printed: frames are matched across them ([sync] max_gap_s)."""
 _REGULAR: Final = ("depth", "attitude", "pose")
 """Kinds of topics whose gaps are printed."""
-
-
-@dataclass(slots=True)
-class TopicInfo:
-    """The messages of one type on a topic."""
-
-    topic: str
-    schema: str
-    key: str | None
-    size: int = 0
-    undecodable: int = 0  # number of messages that could not be decoded
-    fault: str = ""  # of the first of these
-    times_ns: list[int] = field(default_factory=list)  # of their records, in file order
-
-    @property
-    def intervals_ns(self) -> list[int]:
-        """Intervals between records."""
-        return [b - a for a, b in zip(self.times_ns, self.times_ns[1:], strict=False)]
-
-    @property
-    def rate_hz(self) -> float | None:
-        """Mean rate; None with fewer than two records or no time between them."""
-        span = self.times_ns[-1] - self.times_ns[0] if self.times_ns else 0
-        return (len(self.times_ns) - 1) * _NS / span if span > 0 else None
-
-    def gaps(self) -> list[tuple[int, int]]:
-        """(begin, length) in ns of the gaps."""
-        intervals = self.intervals_ns
-        if len(intervals) < 2:
-            return []
-        most = _GAP_MEDIANS * max(1.0, median(intervals))
-        return [(t, dt) for t, dt in zip(self.times_ns, intervals, strict=False) if dt > most]
-
-    @property
-    def steps_back(self) -> int:
-        """Number of records older than their predecessor."""
-        return sum(dt < 0 for dt in self.intervals_ns)
-
-
-@dataclass(slots=True)
-class LogInfo:
-    """The content of a file."""
-
-    path: Path
-    size: int = 0
-    # by the topic and the names of its type and encoding
-    topics: dict[tuple[str, str, str], TopicInfo] = field(default_factory=dict)
-    cameras: list[CameraInfo] = field(default_factory=list)
-    run: pb.RunInfo | None = None
-    decisions: Counter[str] = field(default_factory=Counter)
-    valid: int = 0
-    invalid: Counter[str] = field(default_factory=Counter)
-    damages: list[str] = field(default_factory=list)
-
-    @property
-    def ours(self) -> bool:
-        """Whether the file contains a topic of this software."""
-        return any(info.key is not None for info in self.topics.values())
-
-    @property
-    def undecodable(self) -> list[str]:
-        """Topics with messages that cannot be decoded, as text."""
-        return [
-            f"{topic.topic}: {counted(topic.undecodable, 'message')} cannot be decoded, the first: {topic.fault}"
-            for topic in self.topics.values()
-            if topic.undecodable
-        ]
-
-    @property
-    def span_ns(self) -> tuple[int, int] | None:
-        """The first and the last timestamp."""
-        times = [t for info in self.topics.values() for t in (min(info.times_ns), max(info.times_ns))]
-        return (min(times), max(times)) if times else None
-
-
-def read_log_info(path: Path) -> LogInfo:
-    """Reads an MCAP file of any origin. Raises DriverError for another file."""
-    info = LogInfo(path)
-    scan = open_scan(path)
-    try:
-        info.size = scan.size
-        for item in scan.items():
-            if isinstance(item, Damage):
-                info.damages.append(f"byte {item.offset}: {item.cause}")
-            elif isinstance(item, Logged):
-                _take(info, item)
-    finally:
-        scan.close()
-    return info
-
-
-def _take(info: LogInfo, item: Logged) -> None:
-    schema = item.schema.name if item.schema is not None else ""
-    name = item.channel.topic, schema, item.channel.message_encoding
-    if name not in info.topics:
-        found = our_channel(item.channel, item.schema)
-        info.topics[name] = TopicInfo(item.channel.topic, schema, found[0] if found else None)
-    topic = info.topics[name]
-    topic.times_ns.append(item.message.log_time)
-    topic.size += len(item.message.data)
-    try:
-        _read(info, topic.key, item.message.data)
-    except (DecodeError, ValueError) as error:
-        topic.undecodable += 1
-        topic.fault = topic.fault or str(error)
-
-
-def _read(info: LogInfo, key: str | None, data: bytes) -> None:
-    if key == "camera_info":
-        info.cameras.append(camera_from_message(pb.CameraInfo.FromString(data)))
-    elif key == "run":
-        info.run = info.run or pb.RunInfo.FromString(data)
-    elif key == "decision":
-        decision = pb.FrameDecision.FromString(data)
-        info.decisions["used" if decision.used else cause_code(decision.cause)] += 1
-    elif key == "prisms":
-        prisms = pb.PrismsFrame.FromString(data)
-        if prisms.valid:
-            info.valid += 1
-        else:
-            info.invalid[cause_code(prisms.cause)] += 1
 
 
 def _text(code: str) -> str:
@@ -176,7 +43,7 @@ def as_json(info: LogInfo) -> dict[str, Any]:
         "ours": info.ours,
         "software": info.run.software if info.run else None,
         "source": info.run.source if info.run else None,
-        "duration_s": (span[1] - span[0]) / _NS if span else None,
+        "duration_s": (span[1] - span[0]) / NS if span else None,
         "topics": [_topic_json(topic) for topic in info.topics.values()],
         "cameras": [_camera_json(info) for info in info.cameras],
         "decisions": dict(sorted(info.decisions.items())),
@@ -194,7 +61,7 @@ def _topic_json(topic: TopicInfo) -> dict[str, Any]:
         "messages": len(topic.times_ns),
         "bytes": topic.size,
         "rate_hz": topic.rate_hz,
-        "longest_interval_s": max(topic.intervals_ns, default=0) / _NS,
+        "longest_interval_s": max(topic.intervals_ns, default=0) / NS,
         "gaps": len(gaps),
         "steps_back": topic.steps_back,
     }
@@ -220,7 +87,7 @@ def _camera_json(info: CameraInfo) -> dict[str, Any]:
 def print_info(info: LogInfo) -> None:
     """Prints the content as text."""
     span = info.span_ns
-    duration = f", {(span[1] - span[0]) / _NS:.3f} s" if span else ""
+    duration = f", {(span[1] - span[0]) / NS:.3f} s" if span else ""
     print_line(f"{info.path}: {info.size / 1e6:.2f} MB{duration}")
     if info.run is not None:
         print_line(f"made by {info.run.software} ({info.run.source or 'unknown source'})")
@@ -266,17 +133,10 @@ def _print_anomalies(topic: TopicInfo, start_ns: int) -> None:
     if gaps:
         at, longest = max(gaps, key=lambda gap: gap[1])
         print_line(
-            f"{topic.topic}: gaps: {len(gaps)}, the longest {longest / _NS:.3f} s at {(at - start_ns) / _NS:.3f} s"
+            f"{topic.topic}: gaps: {len(gaps)}, the longest {longest / NS:.3f} s at {(at - start_ns) / NS:.3f} s"
         )
     if topic.steps_back:
         print_line(f"{topic.topic}: {topic.steps_back} timestamps go backwards")
-
-
-def _is_written(path: Path) -> bool:
-    try:
-        return is_being_written(path)
-    except OSError:
-        return False  # it was renamed meanwhile
 
 
 def _remedy(info: LogInfo) -> str:
@@ -300,7 +160,7 @@ def run(args: argparse.Namespace) -> int:
         print_json(as_json(info))
     else:
         print_info(info)
-    if _is_written(args.input):
+    if seems_written(args.input):
         fail(f"{args.input}: a process is writing it; what it had written was read")
         return 1
     for damage in first_damages(info.damages):

@@ -15,7 +15,7 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
-from .log_writer import ACTIVE, RECOVERING, is_being_written
+from .log_file import ACTIVE, RECOVERING, is_being_written, seems_written
 
 _FLIGHT = re.compile(r"(?P<label>[0-9]{8}-[0-9]{6})(?:-(?P<number>[0-9]{1,9}))?")
 _PART = re.compile(r"^(?P<flight>.+)\.(?P<part>\d{3,})(?P<idle>\.idle)?\.mcap(?P<active>\.active)?$")
@@ -119,7 +119,7 @@ def make_room(folder: Path, budget_bytes: int, running: str) -> list[Path]:
     gone: list[Path] = []
     if excess <= 0:
         return gone
-    kept = {running, *(f.flight for f in files if f.active and _in_use(f.path))}
+    kept = {running, *(f.flight for f in files if f.active and seems_written(f.path))}
     for f in sorted(files, key=lambda f: not f.idle):
         if excess <= 0:
             break
@@ -132,13 +132,6 @@ def make_room(folder: Path, budget_bytes: int, running: str) -> list[Path]:
         excess -= f.bytes
         gone.append(f.path)
     return gone
-
-
-def _in_use(path: Path) -> bool:
-    try:
-        return is_being_written(path)
-    except OSError:
-        return False
 
 
 def free_bytes(folder: Path) -> int:

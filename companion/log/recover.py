@@ -18,7 +18,7 @@ from drivers.logs.record_scanner import Damage, Item, Logged, McapScan
 from ..common_options import add_replace
 from ..console import counted, first_damages, print_json, print_line
 from ..usage_error import UsageError
-from .log_writer import ACTIVE, RECOVERING, finish_file, is_being_written, open_locked, refuse_target, start_writer
+from .log_file import ACTIVE, RECOVERING, finish_file, open_locked, refuse_target, seems_written, start_writer
 
 
 @dataclass(slots=True)
@@ -37,19 +37,12 @@ def recover(path: Path, output: Path | None = None, replace: bool = False) -> Re
     target = output or default_output(path)
     if os.path.realpath(target) == os.path.realpath(path):
         raise UsageError(f"{path}: input and output are the same file; give -o another name")
-    if _is_being_written(path):
+    if seems_written(path):
         raise ValueError(
             f"{path}: a process is writing it, and completes it at its end; `companion replay` reads it as it is"
         )
     refuse_target(target, replace=replace)
     return copy_readable(path, target)
-
-
-def _is_being_written(path: Path) -> bool:
-    try:
-        return path.is_file() and is_being_written(path)
-    except OSError:
-        return False  # it cannot be opened, which the copy reports with the remedy
 
 
 def default_output(path: Path) -> Path:

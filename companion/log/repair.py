@@ -20,7 +20,7 @@ from drivers.base import DriverError
 from ..console import counted, print_line
 from ..stop_signal import end_with_parent
 from .log_directory import delete_unfinished_copies, files_of
-from .log_writer import ACTIVE, is_being_written
+from .log_file import ACTIVE, is_being_written
 from .recover import copy_readable
 
 log = logging.getLogger("companion")

@@ -16,7 +16,8 @@ from osape_client.proto import osape_v1_pb2 as pb
 from ..cameras.masks import masks_of, outside_text
 from ..config.loader import Config, ConfigError, load_config
 from ..config.obstacle_range import obstacle_range_m
-from ..log.log_writer import LogWriter, refuse_output
+from ..log.log_file import refuse_output
+from ..log.log_writer import LogWriter
 from ..log.provenance import run_info
 from ..pipeline.configured import make_pipeline
 from ..pipeline.encode import prisms_message, wire_bytes

@@ -9,7 +9,8 @@ from pathlib import Path
 import pytest
 
 from companion.cli import main
-from companion.log.log_writer import LogWriter, UnfinishedLogError, open_locked
+from companion.log.log_file import UnfinishedLogError, open_locked
+from companion.log.log_writer import LogWriter
 from core.types import DepthFrame
 from drivers.logs.record_scanner import MAGIC
 

@@ -18,16 +18,10 @@ from mcap.reader import make_reader
 from mcap.writer import IndexType, Writer
 
 from companion.cli import main
-from companion.log.info import print_info, read_log_info
-from companion.log.log_writer import (
-    LIBRARY,
-    FileInUseError,
-    LogWriter,
-    is_being_written,
-    open_locked,
-    schema_bytes,
-    write_recording,
-)
+from companion.log.info import print_info
+from companion.log.log_content import read_log_info
+from companion.log.log_file import LIBRARY, FileInUseError, is_being_written, open_locked
+from companion.log.log_writer import LogWriter, schema_bytes, write_recording
 from companion.log.provenance import run_info
 from companion.log.recover import recover
 from companion.log.repair import repair_file

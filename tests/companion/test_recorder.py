@@ -27,7 +27,8 @@ from companion.log import current_file as log_current
 from companion.log import recorder as recorder_module
 from companion.log.current_file import Begin, CurrentLog
 from companion.log.log_directory import files_of, make_room, new_flight, part_path, recovering_files
-from companion.log.log_writer import FileInUseError, LogWriter
+from companion.log.log_file import FileInUseError
+from companion.log.log_writer import LogWriter
 from companion.log.provenance import run_info
 from companion.log.recorder import Recorder
 from companion.log.repair import CHILD, Repairs, leftovers, repair_file
