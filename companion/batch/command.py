@@ -8,108 +8,30 @@ import os
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
 from ..argument_types import number_in
 from ..common_options import add_config
 from ..config.loader import config_text, load_config
-from ..console import counted, fail, print_json, print_line, progress, warn
+from ..console import counted, print_json, progress, warn
 from ..kernels.warmup import ensure_compiled
 from ..log.provenance import software
 from ..usage_error import UsageError, given_option
 from .dataset import begin_run, delete_unfinished, finished
-from .engines import Done, Engine, EngineName
+from .engines import Engine, EngineName
 from .flights import Flight, find_flights
 from .frame_rows import text_hash
-from .jobs import BatchOptions, Failure, FlightTask, Process
+from .jobs import BatchOptions, FlightTask, Process
 from .local_engine import LocalEngine
 from .parquet_table import arrow_module
+from .report import BatchReport, print_failures, print_report
 from .storage import is_url, utf8_name
 
-_LISTED: Final = 10
 LOCK_FILE: Final = ".lock"
 _OF_A_RUN: Final = ("config", "engine", "address", "workers", "vehicle", "near", "planes", "logs")
 """Options without an effect on a comparison."""
 _NEAR_M: Final = 2.0
-
-
-@dataclass(slots=True)
-class BatchReport:
-    """What a run did."""
-
-    flights: int = 0
-    skipped: int = 0  # flights whose results were present
-    frames: int = 0
-    damaged: dict[str, str] = field(default_factory=dict)
-    unread_files: dict[str, int] = field(default_factory=dict)  # flight -> its files of which nothing can be read
-    unreadable: int = 0  # flights without any other file
-    unread_inputs: int = 0  # files and folders that were left out
-    failed: dict[str, str] = field(default_factory=dict)
-    without_frames: list[str] = field(default_factory=list)  # flights whose logs are readable and have no depth images
-    different: list[str] = field(default_factory=list)
-    restarted: int = 0
-    cpu_s: float = 0.0
-    wall_s: float = 0.0
-    peak_mb: float = 0.0
-
-    def add(self, done: Done) -> None:
-        """Counts a task that has ended."""
-        name, result = str(done.task.flight), done.result
-        self.restarted += done.attempts - 1
-        if isinstance(result, Failure):
-            self.failed[name] = result.text
-            return
-        self.frames += result.frames
-        self.cpu_s += result.cpu_s
-        self.peak_mb = max(self.peak_mb, result.peak_mb)
-        if result.damage:
-            self.damaged[name] = result.damage
-        elif result.frames == 0:
-            self.without_frames.append(name)
-        if result.equals_onboard is False:
-            self.different.append(name)
-        self._add_unread(done.task.flight, result.unread_files)
-
-    def add_present(self, flight: Flight, unread_files: int) -> None:
-        """Counts a flight whose results were present."""
-        self.skipped += 1
-        if self._add_unread(flight, unread_files):
-            self.skipped -= 1
-
-    def _add_unread(self, flight: Flight, number: int) -> bool:
-        """Returns whether nothing of the flight can be read."""
-        if number:
-            self.unread_files[str(flight)] = number
-        self.unreadable += number == len(flight.files)
-        return number == len(flight.files)
-
-    @property
-    def processed(self) -> int:
-        """Flights that this run has processed."""
-        return self.flights - self.skipped - self.unreadable - len(self.failed)
-
-    def as_json(self, output: str) -> dict[str, Any]:
-        """The object of `--json`."""
-        return {
-            "output": output,
-            "flights": self.flights,
-            "already_present": self.skipped,
-            "processed": self.processed,
-            "unreadable": self.unreadable,
-            "frames": self.frames,
-            "damaged": self.damaged,
-            "unread_files": self.unread_files,
-            "unread_inputs": self.unread_inputs,
-            "failed": self.failed,
-            "without_frames": self.without_frames,
-            "different_from_onboard": self.different,
-            "restarted": self.restarted,
-            "cpu_s": round(self.cpu_s, 3),
-            "wall_s": round(self.wall_s, 3),
-            "peak_mb": round(self.peak_mb, 1),
-        }
 
 
 def make_engine(name: EngineName, address: str | None, workers: int | None, process: Process) -> Engine:
@@ -261,12 +183,8 @@ def run(args: argparse.Namespace) -> int:
     if args.json:
         print_json(report.as_json(args.output))
     else:
-        _print_report(report, args.output)
-    for name, text in list(report.failed.items())[:_LISTED]:
-        fail(f"{name}: {text}")
-    if len(report.failed) > _LISTED:
-        fail(f"and {counted(len(report.failed) - _LISTED, 'more flight')} (--json lists all)")
-    _print_unread(report)
+        print_report(report, args.output)
+    print_failures(report)
     return 1 if report.failed or report.unread_files or report.unread_inputs else 0
 
 
@@ -282,41 +200,3 @@ def _compare(args: argparse.Namespace) -> int:
 
     a, b = (text if is_url(text) else os.path.realpath(text) for text in args.compare)
     return run_comparison(a, b, Path(args.output), not args.no_pictures, args.json)
-
-
-def _print_unread(report: BatchReport) -> None:
-    """What the results lack, at the end: a warning among many is overlooked."""
-    if inputs := report.unread_inputs:
-        fail(
-            f"{counted(inputs, 'input')} {'was' if inputs == 1 else 'were'} not processed: "
-            f"{'it' if inputs == 1 else 'they'} cannot be read (named above)"
-        )
-    if files := sum(report.unread_files.values()):
-        names = list(report.unread_files)
-        fail(
-            f"{counted(files, 'log file')} {'was' if files == 1 else 'were'} not processed: nothing of "
-            f"{'it' if files == 1 else 'them'} can be read. Flights: {', '.join(names[:_LISTED])}"
-            f"{', ...' if len(names) > _LISTED else ''}; the column `damage` of the table flights says why"
-        )
-
-
-def _print_report(report: BatchReport, output: str) -> None:
-    print_line(
-        f"{counted(report.flights, 'flight')}: {report.processed} processed, {report.skipped} already present, "
-        f"{len(report.failed)} failed{f', {report.unreadable} unreadable' if report.unreadable else ''}"
-    )
-    print_line(f"{counted(report.frames, 'frame')}; {report.cpu_s:.1f} s of processor time in {report.wall_s:.1f} s")
-    if report.different:
-        print_line(f"results that differ from those on board: {counted(len(report.different), 'flight')}")
-    for name, text in list(report.damaged.items())[:_LISTED]:
-        warn(f"{name}: {text}")
-    if len(report.damaged) > _LISTED:
-        warn(
-            f"and {counted(len(report.damaged) - _LISTED, 'more damaged flight')} (column `damage` of the table flights)"
-        )
-    if names := report.without_frames:
-        warn(
-            f"logs without depth images, so that nothing was computed: {', '.join(names[:_LISTED])}"
-            f"{', ...' if len(names) > _LISTED else ''}; record with [record] depth = true"
-        )
-    print_line(f"written: {output}")

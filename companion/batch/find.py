@@ -6,7 +6,7 @@ import argparse
 import itertools
 import os
 import tempfile
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
@@ -67,6 +67,16 @@ class Found:
     failed: dict[str, str] = field(default_factory=dict)  # log -> which of its clips are missing, and why
     damaged: dict[str, str] = field(default_factory=dict)  # logs that end early
 
+    def as_json(self, rows: int) -> dict[str, Any]:
+        """The object of `--json`. rows: number of rows that fulfil the condition."""
+        return {
+            "rows": rows,
+            "clips": [clip.as_json() for clip in self.clips],
+            "left_out": self.left_out,
+            "damaged": self.damaged,
+            "failed": self.failed,
+        }
+
 
 def plan_clips(dataset: str, hits: Iterable[Hit], folder: Path, before_s: float, after_s: float) -> list[Clip]:
     """The clips of hits: each with the time before and after it, overlapping ones joined. A clip is part of one log file:
@@ -92,25 +102,29 @@ def cut_clips(clips: list[Clip], found: Found) -> None:
     """Cuts the clips, all of one log in one pass."""
     with tempfile.TemporaryDirectory(prefix="osape-find-") as copies, progress("find") as on_progress:
         for location, group in itertools.groupby(clips, key=lambda clip: clip.location):
-            waiting = {clip.output: clip for clip in group}
-            number = len(waiting)
+            _cut_log(location, list(group), Path(copies), found, lambda: on_progress(len(found.clips) / len(clips)))
 
-            def on_written(output: Path, waiting: dict[Path, Clip] = waiting) -> None:
-                found.clips.append(waiting.pop(output))
-                on_progress(len(found.clips) / len(clips))
 
-            spans = [Span(c.begin_ns, c.end_ns, c.output) for c in waiting.values()]
-            try:
-                with local_copy(StoredFile(location, 0), Path(copies)) as path:
-                    damage = cut(path, spans, on_written)
-                lost = bool(waiting)
-            except (DriverError, ConfigError, OSError, ValueError) as error:
-                damage, lost = error_text(error, spans[0].output.parent), True
-            if lost:
-                missing = "no clip" if len(waiting) == number else f"{len(waiting)} of {number} clips are missing"
-                found.failed[location] = f"{missing}: {damage or NO_MESSAGE}"
-            elif damage:
-                found.damaged[location] = damage
+def _cut_log(location: str, clips: list[Clip], copies: Path, found: Found, on_clip: Callable[[], None]) -> None:
+    """Cuts the clips of one log. copies: folder for a copy of a log that is not on this computer."""
+    waiting = {clip.output: clip for clip in clips}
+
+    def on_written(output: Path) -> None:
+        found.clips.append(waiting.pop(output))
+        on_clip()
+
+    spans = [Span(c.begin_ns, c.end_ns, c.output) for c in clips]
+    try:
+        with local_copy(StoredFile(location, 0), copies) as path:
+            damage = cut(path, spans, on_written)
+        lost = bool(waiting)
+    except (DriverError, ConfigError, OSError, ValueError) as error:
+        damage, lost = error_text(error, spans[0].output.parent), True
+    if lost:
+        missing = "no clip" if len(waiting) == len(clips) else f"{len(waiting)} of {len(clips)} clips are missing"
+        found.failed[location] = f"{missing}: {damage or NO_MESSAGE}"
+    elif damage:
+        found.damaged[location] = damage
 
 
 def add_parser(subparsers: Any) -> None:
@@ -155,32 +169,12 @@ def run(args: argparse.Namespace) -> int:
     chosen = clips[: args.limit]
     if args.list:
         found.clips = chosen
-    else:
-        if chosen:
-            refuse_existing(*(clip.output for clip in chosen), replace=args.replace)
-            args.output.mkdir(parents=True, exist_ok=True)
-            ensure_compiled("extractor", "tracking")
-        try:
-            cut_clips(chosen, found)
-        except KeyboardInterrupt as interrupt:
-            done = f"{len(found.clips)} of {counted(len(chosen), 'clip')} are written to {args.output}"
-            raise KeyboardInterrupt(f"interrupted: {done}") from interrupt
+    elif chosen:
+        _write(chosen, args.output, args.replace, found)
     if args.json:
-        print_json(
-            {
-                "rows": len(hits),
-                "clips": [clip.as_json() for clip in found.clips],
-                "left_out": found.left_out,
-                "damaged": found.damaged,
-                "failed": found.failed,
-            }
-        )
+        print_json(found.as_json(len(hits)))
     else:
-        print_line(f"{counted(len(hits), 'row')}, {counted(len(found.clips), 'clip')}")
-        for clip in found.clips:
-            print_line(
-                f"{clip.output}  {(clip.end_ns - clip.begin_ns) / NS:.1f} s of {clip.vehicle}/{clip.flight} at {clip.flight_s:.1f} s"
-            )
+        _print_found(found, len(hits))
     if found.left_out:
         warn(f"--limit {args.limit}: {counted(found.left_out, 'clip')} left out")
     for text in found.damaged.values():
@@ -188,3 +182,21 @@ def run(args: argparse.Namespace) -> int:
     for location, text in found.failed.items():
         fail(f"{location}: {text}")
     return 1 if found.failed else 0
+
+
+def _write(clips: list[Clip], folder: Path, replace: bool, found: Found) -> None:
+    refuse_existing(*(clip.output for clip in clips), replace=replace)
+    folder.mkdir(parents=True, exist_ok=True)
+    ensure_compiled("extractor", "tracking")
+    try:
+        cut_clips(clips, found)
+    except KeyboardInterrupt as interrupt:
+        done = f"{len(found.clips)} of {counted(len(clips), 'clip')} are written to {folder}"
+        raise KeyboardInterrupt(f"interrupted: {done}") from interrupt
+
+
+def _print_found(found: Found, rows: int) -> None:
+    print_line(f"{counted(rows, 'row')}, {counted(len(found.clips), 'clip')}")
+    for clip in found.clips:
+        seconds = (clip.end_ns - clip.begin_ns) / NS
+        print_line(f"{clip.output}  {seconds:.1f} s of {clip.vehicle}/{clip.flight} at {clip.flight_s:.1f} s")
