@@ -48,7 +48,19 @@ def add_parser(subparsers: Any) -> None:
     add_replace(parser)
     add_config(parser, "configuration whose [[camera]] section gives mount, ranges and noise")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
-    camera = parser.add_argument_group("camera (overrides the configuration and the recording)")
+    _add_camera(parser.add_argument_group("camera (overrides the configuration and the recording)"))
+    _add_timing(parser.add_argument_group("timing and attitude (.tlog, PX4 .ulg, ArduPilot .bin)"))
+    ros = parser.add_argument_group("topics of a ROS 2 recording (needed only where several fit)")
+    for name, what in TOPICS.items():
+        ros.add_argument(f"--{name}-topic", metavar="TOPIC", help=what)
+    ros.add_argument(
+        "--base-frame",
+        metavar="FRAME",
+        help=f"frame of the vehicle's body (default: {BASE_FRAME})",
+    )
+
+
+def _add_camera(camera: Any) -> None:
     camera.add_argument("--camera", metavar="NAME", help="name of the camera in the log (default: front)")
     camera.add_argument(
         "--mount",
@@ -80,7 +92,9 @@ def add_parser(subparsers: Any) -> None:
         metavar="1/M",
         help="depth noise: standard deviation = ke * depth^2",
     )
-    folder = parser.add_argument_group("timing and attitude (.tlog, PX4 .ulg, ArduPilot .bin)")
+
+
+def _add_timing(folder: Any) -> None:
     folder.add_argument(
         "--frame-latency-ms",
         type=number_in(float, 0.0, 5000.0),
@@ -109,14 +123,6 @@ def add_parser(subparsers: Any) -> None:
         type=number_in(int, 1, 255),
         metavar="ID",
         help="MAVLink system id of the vehicle, if the log has several",
-    )
-    ros = parser.add_argument_group("topics of a ROS 2 recording (needed only where several fit)")
-    for name, what in TOPICS.items():
-        ros.add_argument(f"--{name}-topic", metavar="TOPIC", help=what)
-    ros.add_argument(
-        "--base-frame",
-        metavar="FRAME",
-        help=f"frame of the vehicle's body (default: {BASE_FRAME})",
     )
 
 

@@ -4,20 +4,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
-
-from core.frames import euler_from_rotation, quaternion_from_euler, rotation_from_quaternion
+from core.frames import quaternion_from_euler
 from core.types import MAX_RATE_RAD_S, MAX_SPEED_M_S, AttitudeSample, PoseSample
 from drivers.base import BadData
 from drivers.mavlink.dataflash import read_dataflash
 from drivers.mavlink.motion import MAX_ANGLE_RAD, within
-from drivers.mavlink.tlog import Tlog, TlogAttitude, TlogPose, VehicleLog, read_tlog, vehicle_log
+from drivers.mavlink.tlog import Timed, Tlog, TlogAttitude, TlogPose, VehicleLog, read_tlog, vehicle_log
 from drivers.mavlink.ulog import read_ulog
 
+from .clock_match import TiltRow, match_tilt
 from .report import ImportOptions, Report
 
 FLIGHT_LOGS = (".tlog", ".ulg", ".bin")
@@ -26,23 +23,6 @@ AROUND_US = 1_000_000
 """Samples this long before the first and after the last frame are kept."""
 MAX_DELAY_US = 60_000_000
 """An arrival farther than this from the time of the sample is damaged."""
-GRID_US = 20_000
-MATCH_RAD = math.radians(0.5)
-"""Largest rms difference of roll and pitch between frames.csv and the log for matched clocks."""
-UNIQUE_US = 150_000
-"""Largest distance of other, nearly equal matches from the best one."""
-MIN_ROWS = 10
-LONGEST_US = 86_400_000_000
-"""Samples this far from the middle of a log are not of the same flight: their time is damaged."""
-
-
-@dataclass(frozen=True, slots=True)
-class TiltRow:
-    """Roll and pitch at a frame's t_ns."""
-
-    t_ns: int
-    roll_rad: float
-    pitch_rad: float
 
 
 def find_flight_log(folder: Path, options: ImportOptions) -> Path | None:
@@ -83,16 +63,15 @@ def flight_log_samples(
         epoch_us = _derived_epoch(path, vehicle, frames_ns, rows, report)
     first, last = (epoch_us + t // 1000 for t in frames_ns)
 
-    def is_near(sample: TlogAttitude | TlogPose) -> bool:
+    def is_near(sample: Timed) -> bool:
         return first - AROUND_US <= sample.t_us <= last + AROUND_US
 
-    samples: list[TlogAttitude | TlogPose] = [*vehicle.attitudes, *vehicle.poses]
-    samples = list(filter(is_near, samples))
-    if damaged := sum(not _has_arrival(sample) for sample in samples):
+    near, positions = list(filter(is_near, vehicle.attitudes)), list(filter(is_near, vehicle.poses))
+    if damaged := sum(not _has_arrival(sample) for sample in (*near, *positions)):
         report.note(
             f"{path.name}: {damaged} samples whose arrival is far from their time were left out; the log is damaged"
         )
-    near = [a for a in vehicle.attitudes if is_near(a) and _has_arrival(a)]
+    near, positions = list(filter(_has_arrival, near)), list(filter(_has_arrival, positions))
     if not near:
         own = vehicle.attitudes[0].stamp_us, vehicle.attitudes[-1].stamp_us
         raise BadData(
@@ -105,18 +84,13 @@ def flight_log_samples(
             "attitude",
             f"{path}: {len(near) - len(attitudes)} attitudes are no attitudes of a vehicle and were left out",
         )
-    poses = []
-    for p in vehicle.poses:
-        position_m = within(p.position_m, math.inf)
-        if is_near(p) and _has_arrival(p) and position_m is not None:
-            velocity_m_s = within(p.velocity_m_s, MAX_SPEED_M_S)
-            poses.append(PoseSample(*_stamps(p.t_us, p.stamp_us, epoch_us), position_m, velocity_m_s, p.reset_counter))
+    poses = [pose for p in positions if (pose := _pose(p, epoch_us)) is not None]
     if not poses:
         report.warning("position", f"{path}: no position at the time of the frames: results are not placed in ned")
     return attitudes, poses
 
 
-def _has_arrival(sample: TlogAttitude | TlogPose) -> bool:
+def _has_arrival(sample: Timed) -> bool:
     """Whether the arrival of a sample is near its time."""
     return abs(sample.stamp_us - sample.t_us) <= MAX_DELAY_US
 
@@ -156,6 +130,15 @@ def _attitude(a: TlogAttitude, epoch_us: int) -> AttitudeSample | None:
     return AttitudeSample(*stamps, (w, x, y, z), within(a.rates_rad_s, MAX_RATE_RAD_S))
 
 
+def _pose(p: TlogPose, epoch_us: int) -> PoseSample | None:
+    """The sample; None for a position that is none."""
+    position_m = within(p.position_m, math.inf)
+    if position_m is None:
+        return None
+    velocity_m_s = within(p.velocity_m_s, MAX_SPEED_M_S)
+    return PoseSample(*_stamps(p.t_us, p.stamp_us, epoch_us), position_m, velocity_m_s, p.reset_counter)
+
+
 def _derived_epoch(
     path: Path, vehicle: VehicleLog, frames_ns: tuple[int, int], rows: Sequence[TiltRow], report: Report
 ) -> int:
@@ -182,56 +165,6 @@ def _derived_epoch(
 
 def _unix(vehicle: VehicleLog) -> str:
     return "unix " if vehicle.unix else "this log's "
-
-
-def match_tilt(vehicle: VehicleLog, rows: Sequence[TiltRow]) -> tuple[int, float] | None:
-    """(unix microseconds of t_ns 0, rms in rad) where roll and pitch of the rows agree with the log's; None when they
-    agree nowhere or at several times. All rows must lie within the log."""
-    if len(rows) < MIN_ROWS:
-        return None
-    rows = rows[:: max(1, len(rows) // 200)]
-    samples = ((a.t_us, *_tilt(a)) for a in vehicle.attitudes)
-    known = sorted(sample for sample in samples if all(map(math.isfinite, sample)))  # NaN would be the least error
-    if not known:
-        return None
-    middle_us = known[len(known) // 2][0]
-    known = [
-        sample for sample in known if abs(sample[0] - middle_us) <= LONGEST_US
-    ]  # a damaged time may be in a far future
-    start = known[0][0]
-    log_us, tilt = np.array([k[0] for k in known]) - start, np.array([k[1:] for k in known])
-    row_us = np.array([r.t_ns for r in rows]) / 1000.0
-    wanted = np.array([(r.roll_rad, r.pitch_rad) for r in rows])
-
-    def rms(offset_us: float) -> float:
-        at = row_us + offset_us
-        roll, pitch = (np.interp(at, log_us, tilt[:, i]) - wanted[:, i] for i in (0, 1))
-        return float(np.sqrt(np.mean(roll**2 + pitch**2)))
-
-    slack = GRID_US / 2  # the log may begin and end with exactly these frames
-    offsets: NDArray[np.float64] = np.arange(-row_us[0] - slack, log_us[-1] - row_us[-1] + slack, GRID_US)
-    if not len(offsets):
-        return None
-    errors = np.array([rms(o) for o in offsets])
-    best = offsets[int(np.argmin(errors))]
-    fine = best + np.arange(-GRID_US, GRID_US + 1, 1000.0)
-    fine_errors = np.array([rms(o) for o in fine])
-    least = float(fine_errors.min())
-    found = float(fine[int(np.argmin(fine_errors))])
-    alike = offsets[errors <= max(2.0 * least, least + 0.2 * MATCH_RAD)]
-    if least > MATCH_RAD or (len(alike) and np.abs(alike - found).max() > UNIQUE_US):
-        return None
-    still = np.ptp(wanted, axis=0).max() < 4.0 * MATCH_RAD  # a camera at rest matches at any time
-    return None if still else (round((start + found) / 1000.0) * 1000, least)
-
-
-def _tilt(a: TlogAttitude) -> tuple[float, float]:
-    if a.euler_rad is not None:
-        return a.euler_rad[0], a.euler_rad[1]
-    if a.q_wxyz is None or not any(a.q_wxyz):
-        return math.nan, math.nan
-    roll, pitch, _ = euler_from_rotation(rotation_from_quaternion(a.q_wxyz))
-    return roll, pitch
 
 
 def seconds(t_us: float) -> str:

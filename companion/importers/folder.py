@@ -15,7 +15,8 @@ from core.types import AttitudeSample, PoseSample
 from drivers.base import BadData
 
 from ..console import counted
-from .flight_log import TiltRow, find_flight_log, flight_log_samples
+from .clock_match import TiltRow
+from .flight_log import find_flight_log, flight_log_samples
 from .frame_list import FrameListSource, Samples
 from .frames_csv import FRAMES, FrameRow, looks_like_degrees, read_rows
 from .images import DepthImages, PngImages

@@ -127,15 +127,17 @@ class Ros2Source:
         if len(depth) > 1:
             raise BadData(f"{self._path}: several topics with depth: {_joined(depth)}; choose with --depth-topic")
         if not depth:
-            if not self._scan.types:
-                raise BadData(f"{self._path}: no message in it that can be read; use another copy or another recording")
-            ours = any(kind in {t.schema for t in TOPICS.values()} for kind in self._scan.types.values())
-            if ours and not self._scan.first_images:
-                raise BadData(
-                    f"{self._path}: it is a log of this software, or contains one: replay that with `companion replay`"
-                )
-            raise BadData(f"{self._path}: no depth image in it; {self._found_text()}")
+            raise BadData(f"{self._path}: {self._why_no_depth()}")
         return depth[0]
+
+    def _why_no_depth(self) -> str:
+        """Why no topic has depth images, and what to do."""
+        if not self._scan.types:
+            return "no message in it that can be read; use another copy or another recording"
+        ours = any(kind in {t.schema for t in TOPICS.values()} for kind in self._scan.types.values())
+        if ours and not self._scan.first_images:
+            return "it is a log of this software, or contains one: replay that with `companion replay`"
+        return f"no depth image in it; {self._found_text()}"
 
     def _found_text(self) -> str:
         kinds = sorted(set(self._scan.types.values()))

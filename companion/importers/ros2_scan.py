@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from statistics import median_low
 from typing import Any
@@ -12,7 +13,7 @@ from drivers.mavlink.tlog import map_boot_clock
 from ..pipeline.sync import NS
 from .report import Report
 from .ros2_decode import CAMERA_INFO, COMPRESSED, IMAGE, MOTION_TYPES, TF
-from .ros2_files import RosRecording
+from .ros2_files import RosItem, RosRecording
 from .ros2_frames import TransformTree, rigid
 from .ros2_motion import Motion
 from .ros2_px4 import PX4_TYPES, VEHICLE_LOCAL_POSITION, px4_stamp_ns
@@ -77,29 +78,39 @@ class RosScan:
             self.counts[topic] += 1
             first_ns, last_ns = self._log_span_ns.get(topic, (item.log_ns, item.log_ns))
             self._log_span_ns[topic] = min(first_ns, item.log_ns), max(last_ns, item.log_ns)
-            is_image = kind in (IMAGE, COMPRESSED)
-            once = self.first_images if is_image else self.infos if kind == CAMERA_INFO else None
-            if (once is not None and topic in once) or not (once is not None or kind == TF or kind in MOTION_TYPES):
-                continue
-            message = item.decode()
-            if message is None:
-                undecoded[topic] += 1
-            elif once is not None:
-                once[topic] = message
-                if is_image:
-                    self._image_delays_ns.append(item.log_ns - stamp_ns(message.header))
-            elif kind == TF:
-                self._transforms(topic, message, item.log_ns)
-            elif kind in PX4_TYPES:
-                self.motion.add_message(topic, kind, message, px4_stamp_ns(message), item.log_ns)
-            else:
-                self._delays_ns.append(item.log_ns - stamp_ns(message.header))
-                self.motion.add_message(topic, kind, message, stamp_ns(message.header), item.log_ns)
+            if self._is_read(topic, kind):
+                message = item.decode()
+                if message is None:
+                    undecoded[topic] += 1
+                else:
+                    self._take(item, message)
         self._report_undecoded(undecoded)
         for (topic, kind), number in others.items():
             what = "1 message is" if number == 1 else f"{number} messages are"
             text = f"{self._path}: {topic}: {what} {kind}, the first is {self.types[topic]}; left out"
             self._report.problem("type", text)
+
+    def _is_read(self, topic: str, kind: str) -> bool:
+        if kind in (IMAGE, COMPRESSED):
+            return topic not in self.first_images
+        if kind == CAMERA_INFO:
+            return topic not in self.infos
+        return kind == TF or kind in MOTION_TYPES
+
+    def _take(self, item: RosItem, message: Any) -> None:
+        topic, kind = item.topic, item.kind
+        if kind in (IMAGE, COMPRESSED):
+            self.first_images[topic] = message
+            self._image_delays_ns.append(item.log_ns - stamp_ns(message.header))
+        elif kind == CAMERA_INFO:
+            self.infos[topic] = message
+        elif kind == TF:
+            self._transforms(topic, message, item.log_ns)
+        elif kind in PX4_TYPES:
+            self.motion.add_message(topic, kind, message, px4_stamp_ns(message), item.log_ns)
+        else:
+            self._delays_ns.append(item.log_ns - stamp_ns(message.header))
+            self.motion.add_message(topic, kind, message, stamp_ns(message.header), item.log_ns)
 
     def _report_undecoded(self, undecoded: Counter[str]) -> None:
         for topic, number in undecoded.items():
@@ -114,16 +125,16 @@ class RosScan:
         for topic, points in self.motion.px4_points().items():
             if abs(median_low(log_ns - t_ns for t_ns, log_ns in points) - self._offset_ns) <= CLOCKS_APART_NS:
                 continue
-            drift, offset_us = map_boot_clock([(t_ns // 1_000_000, log_ns // 1000) for t_ns, log_ns in points])
-
-            def mapped(t_ns: int, drift: float = drift, offset_us: float = offset_us) -> int:
-                return round(t_ns * (1.0 + drift) + 1000.0 * offset_us) - self._offset_ns
-
-            self.motion.restamp(topic, mapped)
+            self.motion.restamp(topic, self._boot_clock(points))
             self._report.note(
                 f"stamps of {topic} are of PX4's own clock: mapped to the log times by the smallest delay; set the PX4 "
                 "parameter UXRCE_DDS_SYNCT to 1 for exact stamps"
             )
+
+    def _boot_clock(self, points: Sequence[tuple[int, int]]) -> Callable[[int], int]:
+        """Maps a stamp in ns to the stamps' clock of the other messages. points: stamps with their log times."""
+        drift, offset_us = map_boot_clock([(t_ns // 1_000_000, log_ns // 1000) for t_ns, log_ns in points])
+        return lambda t_ns: round(t_ns * (1.0 + drift) + 1000.0 * offset_us) - self._offset_ns
 
     def _transforms(self, topic: str, message: Any, log_ns: int) -> None:
         for transform in message.transforms:

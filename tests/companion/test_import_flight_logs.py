@@ -15,7 +15,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from companion.cli import main
-from companion.importers.flight_log import TiltRow, match_tilt
+from companion.importers.clock_match import TiltRow, match_tilt
 from core.frames import quaternion_from_euler
 from core.types import AttitudeSample, DepthFrame, PoseSample
 from drivers.base import DriverError, Event
