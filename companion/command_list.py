@@ -78,7 +78,7 @@ GROUPS: Final[dict[str, dict[str, Command]]] = {
             ("companion status", "sudo companion status"),
         ),
         "view": Command(
-            "viewer.view",
+            "viewer.command",
             "draw a log as pictures and a 3-D page, or serve a page that follows the running service",
             (
                 "companion view prisms.mcap -o pictures",

@@ -18,8 +18,9 @@ from osape_client.subscriber import TIMEOUT_S
 
 from ..pipeline.encode import prisms_from_message
 from ..pipeline.results import PrismsResult
-from ..viewer.live_page import camera_status, silence_text
-from ..viewer.subscriber import NS, LiveSubscriber
+from ..viewer.live_camera import NS
+from ..viewer.live_status import camera_status, silence_text
+from ..viewer.subscriber import LiveSubscriber
 from .diagnostics import DIAGNOSTIC_ARRAY, Part, camera_part, diagnostic_array, service_part
 from .drawing import MARKER_ARRAY, POINT_CLOUD, TRANSFORMS, Drawing
 from .frames import BASE_LINK, camera_transform, vehicle_transforms

@@ -27,8 +27,10 @@ from ..log.foxglove_scene import scene_message, transform_messages
 from ..log.log_writer import schema_bytes
 from ..pipeline.results import PrismsResult
 from ..pipeline.sync import DropCause
-from .live_page import camera_status, decoded, preview_depth_mm
-from .subscriber import NS, WATCHED_S, LiveSubscriber
+from .live_camera import NS
+from .live_page import decoded, preview_depth_mm
+from .live_status import camera_status
+from .subscriber import WATCHED_S, LiveSubscriber
 
 STATUS_TOPIC = "/status"
 REPEAT_NS = NS

@@ -1,37 +1,21 @@
-"""`companion view --live`: serves a page that follows the service.
-
-It runs in a process of its own at the lowest priority and subscribes like a planner. It serves this computer only,
-unless --listen names another address. The page is read-only."""
+"""The web server of the live page: who may connect, and how many at a time."""
 
 from __future__ import annotations
 
-import argparse
 import errno
-import os
 import re
 import socket
-import sys
 import threading
 import time
-from dataclasses import replace
 from ipaddress import ip_address
 from socketserver import ThreadingMixIn
-from typing import TYPE_CHECKING, Any
+from typing import Any
 from urllib.parse import parse_qs, urlsplit
 
 from drivers.base import DeviceNotFound
 
-from ..config.loader import load_config
-from ..config.service import PublishConfig
-from ..console import fail, print_line, warn
 from ..http_server import HttpHandler, HttpServer
-from ..stop_signal import stop_event
-from .first_frame import load_drawing
 from .live_page import LivePage
-from .subscriber import NICE, LiveSubscriber, streams_of
-
-if TYPE_CHECKING:
-    from .foxglove_server import FoxgloveServer
 
 LOOPBACK, PORT = "127.0.0.1", 8760
 PAGES = 16
@@ -48,7 +32,6 @@ POLL_S = 0.1
 CLOSE_S = 2.0
 """Longest wait at the end for requests that are being answered: a thread within OpenCV when the interpreter ends aborts the
 process."""
-TICK_S = 0.1
 
 
 class LiveServer:
@@ -190,52 +173,3 @@ class _Handler(HttpHandler):
             self.wfile.write(body)
         except (BrokenPipeError, ConnectionResetError, TimeoutError):
             self.close_connection = True  # the page was closed
-
-
-def run(args: argparse.Namespace) -> int:
-    """Serves the page until it is stopped."""
-    usual = PublishConfig(world="ipc://{run}/world", world_requests="ipc://{run}/world-snapshot")
-    publish = usual if args.config is None else load_config(args.config).publish
-    if args.no_depth:
-        publish = replace(publish, depth="")
-    listen = LOOPBACK if args.listen is None else args.listen
-    subscriber = LiveSubscriber(streams_of(publish, args.keys))
-    server = LiveServer(LivePage(subscriber, "Live"), listen, PORT if args.port is None else args.port)
-    foxglove: FoxgloveServer | None = None
-    if args.foxglove is not None:
-        from .foxglove_server import FoxgloveServer  # an optional package: imported only where requested
-
-        foxglove = FoxgloveServer(subscriber, listen, args.foxglove)
-    stop = stop_event()
-    load_drawing()
-    os.nice(NICE)
-    try:
-        subscriber.open()
-        server.open()
-        if foxglove is not None:
-            foxglove.open()
-        if not is_loopback(listen):
-            warn(
-                f"everyone who can connect to port {server.port} of this computer can see the camera images and the "
-                "vehicle's position, unencrypted; for remote access use `ssh -L`"
-            )
-        shown = in_url(listen)
-        print_line(f"page: http://{shown}:{server.port}/ (stop with Ctrl-C)")
-        if foxglove is not None:
-            print_line(f"Foxglove: ws://{shown}:{foxglove.port}")
-            warn(
-                f"any web page in a browser of this computer can read port {foxglove.port}: open no unknown page meanwhile"
-            )
-        sys.stdout.flush()
-        while not stop.wait(TICK_S):
-            if not subscriber.running:
-                fail("the subscriber has ended; its error is printed above. Restart the command")
-                return 1
-            if foxglove is not None:
-                foxglove.tick()
-    finally:
-        if foxglove is not None:
-            foxglove.close()
-        server.close()
-        subscriber.close()
-    return 0

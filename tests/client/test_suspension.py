@@ -11,7 +11,7 @@ import zmq
 
 from companion.streams.publication import PublicationStamps
 from companion.streams.world_messages import snapshot_message
-from companion.viewer.live_page import camera_status
+from companion.viewer.live_status import camera_status
 from companion.viewer.subscriber import LiveSubscriber, Streams
 from core.world.params import WorldParams
 from core.world.world import World
@@ -155,7 +155,7 @@ def test_a_copy_of_the_world_cannot_be_used_after_a_suspension(suspend: Suspend,
 def test_the_live_page_reports_a_camera_blind_after_a_suspension(suspend: Suspend) -> None:
     subscriber = LiveSubscriber(Streams(prisms="", health="", depth=""))
     now_ns = clock_ns()
-    subscriber._prisms(a_frame(PublicationStamps(boot_id())), now_ns, now_ns)
+    subscriber._add(a_frame(PublicationStamps(boot_id())), now_ns, now_ns)
     subscriber.cameras["front"].info = INFO
 
     def blind() -> str:

@@ -20,7 +20,7 @@ from pathlib import Path
 import numpy as np
 from companion.viewer.first_frame import load_drawing
 from companion.viewer.live_page import frame_of
-from companion.viewer.subscriber import Shown
+from companion.viewer.live_camera import Shown
 from osape_client.proto import osape_v1_pb2 as pb
 from tests.companion.view_scenes import INFO
 

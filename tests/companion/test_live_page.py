@@ -16,8 +16,9 @@ import numpy as np
 import pytest
 from google.protobuf.message import Message
 
+from companion.viewer.live_camera import NS, Camera
 from companion.viewer.live_page import LivePage
-from companion.viewer.subscriber import NS, Camera, LiveSubscriber, Streams
+from companion.viewer.subscriber import LiveSubscriber, Streams
 from core.types import CameraInfo
 from drivers.logs.codec import camera_message
 from osape_client.clock import clock_ns

@@ -67,7 +67,7 @@ def prisms_of(path: Path) -> list[pb.PrismsFrame]:
 
 
 def test_a_mistake_does_not_wait_for_the_compiler(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    for command in ("replay.command", "viewer.view"):
+    for command in ("replay.command", "viewer.command"):
         monkeypatch.setattr(f"companion.{command}.ensure_compiled", lambda *modes: pytest.fail("kernels were compiled"))
     assert main(["replay", str(tmp_path / "absent.mcap")]) == 1
     assert main(["view", str(tmp_path / "absent.mcap"), "-o", str(tmp_path / "out")]) == 1

@@ -20,7 +20,8 @@ from companion.ros2.drawing import MARKER_ARRAY, POINT_CLOUD, TRANSFORMS
 from companion.ros2.message_types import RosMessages
 from companion.ros2.session import RosNode
 from companion.ros2.wire import gid
-from companion.viewer.subscriber import Camera, LiveSubscriber
+from companion.viewer.live_camera import Camera
+from companion.viewer.subscriber import LiveSubscriber
 from osape_client.clock import clock_ns
 from tests.ports import free_port
 

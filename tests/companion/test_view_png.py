@@ -13,7 +13,7 @@ import pytest
 from numpy.typing import NDArray
 
 from companion.cli import main
-from companion.viewer import view
+from companion.viewer import command
 from companion.viewer.colors import FAR_RGB, UNKNOWN_RGB, UNKNOWN_STRIPE_RGB
 from companion.viewer.frame import ViewFrame
 from companion.viewer.png import BANNER_PX, HEIGHT_PX, WIDTH_PX, image_place, save_frame
@@ -176,7 +176,7 @@ def test_missing_matplotlib_is_named_with_its_remedy(
 ) -> None:
     """Before kernels are compiled and the log is read, which takes long."""
     monkeypatch.setitem(sys.modules, "matplotlib.backends.backend_agg", None)
-    monkeypatch.setattr(view, "ensure_compiled", lambda *groups: pytest.fail("kernels were compiled"))
+    monkeypatch.setattr(command, "ensure_compiled", lambda *groups: pytest.fail("kernels were compiled"))
     assert main(["view", str(write_flight(tmp_path / "log.mcap")), "-o", str(tmp_path / "out")]) == 1
     assert re.search(r"pip install .matplotlib.*--no-png", capsys.readouterr().err)
     assert not (tmp_path / "out").exists()

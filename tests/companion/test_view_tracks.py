@@ -17,10 +17,10 @@ from companion.pipeline.encode import prisms_message
 from companion.pipeline.pipeline import Pipeline
 from companion.pipeline.results import PrismsResult
 from companion.viewer.autopilot_view import autopilot_data
+from companion.viewer.live_camera import Shown
 from companion.viewer.live_page import decoded, frame_of
 from companion.viewer.log import TRACKS_WAITING, read_frames
 from companion.viewer.page import PageBuilder
-from companion.viewer.subscriber import Shown
 from companion.viewer.tracks import tracks_data
 from drivers.logs.codec import camera_message
 from drivers.logs.reader import McapRecording
