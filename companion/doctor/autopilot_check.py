@@ -25,8 +25,7 @@ from ..config.loader import Config
 from ..diagnostic import DiagnosticCode
 from ..guard.heading_advice import heading_advice, look_all_around
 from ..guard.stop_advice import stop_advice
-from ..live.diagnostics import MIN_ATTITUDE_HZ, attitude_rate_low
-from ..live.health import clock_uncertain_text
+from ..live.diagnostics import MIN_ATTITUDE_HZ, attitude_rate_low, clock_uncertain_text
 from ..paths import FolderError, folders
 from .finding import Finding
 from .wait import wait_until

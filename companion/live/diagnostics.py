@@ -1,19 +1,27 @@
-"""Faults recognised by their pattern: a stable code, the observation, the likely cause and the remedy."""
+"""The faults that the service reports of threads, cameras, link and recorder, and those recognised by their pattern: a stable
+code, the observation, the likely cause and the remedy."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 
+from drivers.mavlink.clock_sync import UNKNOWN_DELAY_NS, ClockSource
+from drivers.mavlink.session_types import LinkStatus
+
+from ..autopilot.clock_note import LARGE_BOUND_NS
+from ..autopilot.conflict_codes import conflict_diagnostics
 from ..config.camera import CameraConfig
 from ..config.loader import Config
 from ..config.template_intrinsics import template_texts
 from ..diagnostic import Diagnostic, DiagnosticCode
+from ..log.recorder import RecordStatus
 from ..pipeline.results import PrismsResult
 from ..self_check.exposure_offset import warning_text
 from ..self_check.mount_yaw import MountYaw
-from .health import CameraView
+from .health import AutopilotView, CameraView
 
 NS = 1_000_000_000
+ATTITUDE_OLD_NS = NS // 2
 MIN_ATTITUDE_HZ = 10.0
 """Below this rate the attitudes before and after an exposure are 0.1 s or more apart: interpolation is inaccurate in a
 turn, and with [sync] max_gap_s = 0.15 a frame is dropped as soon as one attitude is lost."""
@@ -22,6 +30,89 @@ LOW_FOR_NS = 3 * NS
 WELL_MEASURED_SHARE = 0.9
 GROUND_FRAMES = 300
 """Number of well measured frames without ground since the start of a camera: 10 s at 30 Hz."""
+
+
+def diagnostics_of(
+    cameras: Iterable[CameraView], autopilot: AutopilotView | None, recording: RecordStatus | None, thread_fault: str
+) -> list[Diagnostic]:
+    """The diagnostics of threads, cameras, link and recorder, in this order. thread_fault: the required threads that have
+    ended, or the one that does not respond, as text; empty: none."""
+    views = list(cameras)
+    found = [Diagnostic(DiagnosticCode.THREAD_STALLED, "", thread_fault)] if thread_fault else []
+    if not views:
+        text = "no camera is configured: add a [[camera]] to the configuration"
+        found.append(Diagnostic(DiagnosticCode.NO_CAMERA_CONFIGURED, "", text))
+    for view in sorted((v for v in views if v.blind), key=lambda v: not v.required):
+        found.append(_unavailable(view))
+    found += _autopilot_diagnostics(autopilot)
+    if recording is not None and recording.fault:
+        found.append(Diagnostic(DiagnosticCode.RECORDING_FAULT, "", recording.fault))
+    return found
+
+
+def _unavailable(view: CameraView) -> Diagnostic:
+    camera = view.status.camera
+    if view.required:
+        return Diagnostic(DiagnosticCode.CAMERA_UNAVAILABLE, camera, f"camera {camera} is blind: {view.blind}")
+    text = f"camera {camera} (not required) is blind: {view.blind}"
+    return Diagnostic(DiagnosticCode.OPTIONAL_CAMERA_UNAVAILABLE, camera, text)
+
+
+def _autopilot_diagnostics(view: AutopilotView | None) -> list[Diagnostic]:
+    def of(code: DiagnosticCode, text: str) -> Diagnostic:
+        return Diagnostic(code, "", text)
+
+    if view is None:
+        return [of(DiagnosticCode.NO_AUTOPILOT_CONFIGURED, "no autopilot is configured: set [autopilot] address")]
+    if not view.line.open:
+        return [of(DiagnosticCode.LINK_CLOSED, f"the link to the autopilot is not open: {view.line.error}")]
+    found = [of(DiagnosticCode.UDP_FLOOD, view.line.flood)] if view.line.flood else []
+    if view.line.warning:
+        found.append(of(DiagnosticCode.LINK_SLOW, view.line.warning))
+    signing = view.link.signing_fault
+    if signing:
+        found.append(of(DiagnosticCode.SIGNING_FAULT, signing))
+    found += conflict_diagnostics(view.link.conflicts)
+    if view.link.vehicle is None:
+        if not signing and "system id" not in view.link.conflicts:
+            found.append(of(DiagnosticCode.NO_HEARTBEAT, f"no heartbeat of an autopilot on {view.address}"))
+        return found
+    if view.attitude_age_ns is None or view.attitude_age_ns > ATTITUDE_OLD_NS:
+        age = "was never received" if view.attitude_age_ns is None else f"is {view.attitude_age_ns / NS:.1f} s old"
+        text = f"the attitude {age}: the autopilot does not send it or the link is interrupted"
+        found.append(of(DiagnosticCode.ATTITUDE_STALE, text))
+    found += _clock_diagnostics(view.link)
+    return found
+
+
+def _clock_diagnostics(link: LinkStatus) -> list[Diagnostic]:
+    clock = link.clock
+    if clock.source is ClockSource.ENVELOPE:
+        text = (
+            "the autopilot does not answer TIMESYNC: its timestamps are estimated from arrival times and include the "
+            f"delay of the link, which is assumed to be at most {UNKNOWN_DELAY_NS / 1e6:.0f} ms; a longer one displaces obstacles in turns"
+        )
+        return [Diagnostic(DiagnosticCode.NO_TIMESYNC, "", text)]
+    if clock.bound_ns is None:
+        return []
+    if not link.timesync_answered:
+        text = (
+            f"the autopilot no longer answers TIMESYNC in time: the error bound of its timestamps is {clock.bound_ns / 1e6:.1f} "
+            "ms and grows"
+        )
+        return [Diagnostic(DiagnosticCode.NO_TIMESYNC, "", text)]
+    if clock.bound_ns > LARGE_BOUND_NS:
+        return [Diagnostic(DiagnosticCode.CLOCK_UNCERTAIN, "", clock_uncertain_text(clock.bound_ns))]
+    return []
+
+
+def clock_uncertain_text(bound_ns: int) -> str:
+    """The cause and the remedy of a large error bound of the autopilot's clock."""
+    return (
+        f"the autopilot's timestamps may be wrong by {bound_ns / 1e6:.0f} ms, because TIMESYNC takes that long, or because the "
+        "clock of this computer is being corrected (NTP): frames in fast turns are dropped, positions in fast flight are not used; "
+        "use a faster link (921600 baud), or request lower rates; synchronise the clock before the flight"
+    )
 
 
 def template_intrinsics(cameras: Iterable[CameraConfig]) -> list[Diagnostic]:

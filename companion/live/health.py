@@ -1,34 +1,25 @@
-"""Health report: its messages, diagnostics and state."""
+"""Health report: its messages and the state of the service."""
 
 from __future__ import annotations
 
-import resource
 import time
 from collections.abc import Iterable, Sequence
-from contextlib import suppress
 from dataclasses import dataclass
-from pathlib import Path
 
 from drivers.logs import codec as wire
-from drivers.mavlink.clock_sync import UNKNOWN_DELAY_NS, ClockEstimate, ClockSource
+from drivers.mavlink.clock_sync import ClockEstimate, ClockSource
 from drivers.mavlink.link import LinkState
 from drivers.mavlink.session import MAV_STATE_ACTIVE, MAV_STATE_CRITICAL, MAV_STATE_STANDBY
 from drivers.mavlink.session_types import LinkStatus
 from osape_client.proto import osape_v1_pb2 as pb
 
-from ..autopilot.clock_note import LARGE_BOUND_NS
-from ..autopilot.conflict_codes import conflict_diagnostics
 from ..autopilot.flight_modes import mode_name
 from ..cameras.supervisor import CameraStatus
-from ..diagnostic import Diagnostic, DiagnosticCode
+from ..diagnostic import Diagnostic
 from ..log.recorder import RecordStatus
 from ..pipeline.encode import SCHEMA_VERSION
 from ..pipeline.latency import LatencyStage
 from ..self_check.exposure_offset import ExposureOffset
-
-NS = 1_000_000_000
-THERMAL = Path("/sys/class/thermal")
-ATTITUDE_OLD_NS = NS // 2
 
 STATES = {
     pb.Health.STATE_STARTING: "starting",
@@ -184,82 +175,6 @@ def recording_message(status: RecordStatus) -> pb.RecordingHealth:
     )
 
 
-def diagnostics_of(
-    cameras: Iterable[CameraView], autopilot: AutopilotView | None, recording: RecordStatus | None, thread_fault: str
-) -> list[Diagnostic]:
-    """The diagnostics of threads, cameras, link and recorder, in this order. thread_fault: the required threads that have
-    ended, or the one that does not respond, as text; empty: none."""
-    views = list(cameras)
-    found = [Diagnostic(DiagnosticCode.THREAD_STALLED, "", thread_fault)] if thread_fault else []
-    if not views:
-        text = "no camera is configured: add a [[camera]] to the configuration"
-        found.append(Diagnostic(DiagnosticCode.NO_CAMERA_CONFIGURED, "", text))
-    for view in sorted((v for v in views if v.blind), key=lambda v: not v.required):
-        found.append(_unavailable(view))
-    found += _autopilot_diagnostics(autopilot)
-    if recording is not None and recording.fault:
-        found.append(Diagnostic(DiagnosticCode.RECORDING_FAULT, "", recording.fault))
-    return found
-
-
-def _unavailable(view: CameraView) -> Diagnostic:
-    camera = view.status.camera
-    if view.required:
-        return Diagnostic(DiagnosticCode.CAMERA_UNAVAILABLE, camera, f"camera {camera} is blind: {view.blind}")
-    text = f"camera {camera} (not required) is blind: {view.blind}"
-    return Diagnostic(DiagnosticCode.OPTIONAL_CAMERA_UNAVAILABLE, camera, text)
-
-
-def _autopilot_diagnostics(view: AutopilotView | None) -> list[Diagnostic]:
-    def of(code: DiagnosticCode, text: str) -> Diagnostic:
-        return Diagnostic(code, "", text)
-
-    if view is None:
-        return [of(DiagnosticCode.NO_AUTOPILOT_CONFIGURED, "no autopilot is configured: set [autopilot] address")]
-    if not view.line.open:
-        return [of(DiagnosticCode.LINK_CLOSED, f"the link to the autopilot is not open: {view.line.error}")]
-    found = [of(DiagnosticCode.UDP_FLOOD, view.line.flood)] if view.line.flood else []
-    if view.line.warning:
-        found.append(of(DiagnosticCode.LINK_SLOW, view.line.warning))
-    signing = view.link.signing_fault
-    if signing:
-        found.append(of(DiagnosticCode.SIGNING_FAULT, signing))
-    found += conflict_diagnostics(view.link.conflicts)
-    if view.link.vehicle is None:
-        if not signing and "system id" not in view.link.conflicts:
-            found.append(of(DiagnosticCode.NO_HEARTBEAT, f"no heartbeat of an autopilot on {view.address}"))
-        return found
-    if view.attitude_age_ns is None or view.attitude_age_ns > ATTITUDE_OLD_NS:
-        age = "was never received" if view.attitude_age_ns is None else f"is {view.attitude_age_ns / NS:.1f} s old"
-        text = f"the attitude {age}: the autopilot does not send it or the link is interrupted"
-        found.append(of(DiagnosticCode.ATTITUDE_STALE, text))
-    clock = view.link.clock
-    if clock.source is ClockSource.ENVELOPE:
-        text = (
-            "the autopilot does not answer TIMESYNC: its timestamps are estimated from arrival times and include the "
-            f"delay of the link, which is assumed to be at most {UNKNOWN_DELAY_NS / 1e6:.0f} ms; a longer one displaces obstacles in turns"
-        )
-        found.append(of(DiagnosticCode.NO_TIMESYNC, text))
-    elif clock.bound_ns is not None and not view.link.timesync_answered:
-        text = (
-            f"the autopilot no longer answers TIMESYNC in time: the error bound of its timestamps is {clock.bound_ns / 1e6:.1f} "
-            "ms and grows"
-        )
-        found.append(of(DiagnosticCode.NO_TIMESYNC, text))
-    elif clock.bound_ns is not None and clock.bound_ns > LARGE_BOUND_NS:
-        found.append(of(DiagnosticCode.CLOCK_UNCERTAIN, clock_uncertain_text(clock.bound_ns)))
-    return found
-
-
-def clock_uncertain_text(bound_ns: int) -> str:
-    """The cause and the remedy of a large error bound of the autopilot's clock."""
-    return (
-        f"the autopilot's timestamps may be wrong by {bound_ns / 1e6:.0f} ms, because TIMESYNC takes that long, or because the "
-        "clock of this computer is being corrected (NTP): frames in fast turns are dropped, positions in fast flight are not used; "
-        "use a faster link (921600 baud), or request lower rates; synchronise the clock before the flight"
-    )
-
-
 def state_of(cameras: Iterable[CameraView], diagnostics: Sequence[Diagnostic], started: bool) -> pb.Health.State:
     """The state of the service. BLIND: a required camera is blind, or all cameras are."""
     views = list(cameras)
@@ -270,46 +185,6 @@ def state_of(cameras: Iterable[CameraView], diagnostics: Sequence[Diagnostic], s
     return pb.Health.STATE_DEGRADED if diagnostics else pb.Health.STATE_ACTIVE
 
 
-class ProcessUsage:
-    """Processor time, memory and temperatures of the service."""
-
-    def __init__(self) -> None:
-        self._begun_ns = self._last_ns = time.monotonic_ns()
-        self._cpu_s = _cpu_s()
-
-    def fill(self, message: pb.Health) -> None:
-        """Fills these fields of a report. The processor's share is measured since the previous call."""
-        now_ns, cpu_s = time.monotonic_ns(), _cpu_s()
-        message.uptime_ns = now_ns - self._begun_ns
-        message.cpu_share = (cpu_s - self._cpu_s) / max(1e-3, (now_ns - self._last_ns) / NS)
-        self._last_ns, self._cpu_s = now_ns, cpu_s
-        with suppress(OSError):  # no file can be opened: the rest of the report counts
-            message.memory_bytes = _memory_bytes()
-            message.temperatures.extend(_temperatures())
-
-
 def new_report(boot: str, number: int) -> pb.Health:
     """A report without content."""
     return pb.Health(schema_version=SCHEMA_VERSION, boot_id=boot, number=number, t_ns=time.monotonic_ns())
-
-
-def _cpu_s() -> float:
-    usage = resource.getrusage(resource.RUSAGE_SELF)
-    return usage.ru_utime + usage.ru_stime
-
-
-def _memory_bytes() -> int:
-    pages = int(Path("/proc/self/statm").read_text().split()[1])
-    return pages * resource.getpagesize()
-
-
-def _temperatures() -> list[pb.Temperature]:
-    """Temperatures of the system's thermal sensors."""
-    found = []
-    for zone in sorted(THERMAL.glob("thermal_zone*")):
-        try:
-            celsius = int((zone / "temp").read_text()) / 1000.0
-            found.append(pb.Temperature(sensor=(zone / "type").read_text().strip(), celsius=celsius))
-        except (OSError, ValueError):
-            continue  # the sensor is switched off
-    return found

@@ -19,6 +19,7 @@ from .counts import FrameRates, RecentLosses
 from .diagnostics import (
     AttitudeRateCheck,
     GroundCheck,
+    diagnostics_of,
     misaligned,
     offset_warnings,
     template_intrinsics,
@@ -28,10 +29,8 @@ from .health import (
     HEARTBEAT_STATES,
     AutopilotView,
     CameraView,
-    ProcessUsage,
     autopilot_message,
     camera_message,
-    diagnostics_of,
     latency_message,
     new_report,
     recording_message,
@@ -39,6 +38,7 @@ from .health import (
 )
 from .onboard_computer_status import ComputerStatus
 from .parts import Parts
+from .process_usage import ProcessUsage
 from .staleness import StalenessMonitor
 from .stream_output import StreamOutput
 

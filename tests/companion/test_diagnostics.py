@@ -21,9 +21,10 @@ from companion.live.diagnostics import (
     MIN_ATTITUDE_HZ,
     AttitudeRateCheck,
     GroundCheck,
+    diagnostics_of,
     template_intrinsics,
 )
-from companion.live.health import AutopilotView, autopilot_message, diagnostics_of
+from companion.live.health import AutopilotView, autopilot_message
 from companion.live.service import Service
 from companion.paths import Folders
 from drivers.mavlink.clock_sync import ClockEstimate, ClockSource

@@ -19,7 +19,8 @@ from google.protobuf.message import Message
 from companion.cameras.supervisor import CameraCondition, CameraStatus
 from companion.config.loader import Config
 from companion.live.event_queue import WAKE_ITEMS, EventQueue
-from companion.live.health import CameraView, ProcessUsage
+from companion.live.health import CameraView
+from companion.live.process_usage import ProcessUsage
 from companion.live.sd_notify import Notifier
 from companion.live.staleness import StalenessMonitor
 from companion.live.stream_output import StreamOutput

@@ -14,11 +14,12 @@ from pathlib import Path
 import pytest
 import zmq
 
-import companion.live.health as health
+import companion.live.process_usage as process_usage
 from companion.cameras.supervisor import CameraCondition, CameraStatus
 from companion.cli import main
 from companion.diagnostic import Diagnostic, DiagnosticCode
-from companion.live.health import CameraView, diagnostics_of, state_of
+from companion.live.diagnostics import diagnostics_of
+from companion.live.health import CameraView, state_of
 from companion.live.status import status_lines
 from companion.log.recorder import RecordStatus
 from companion.paths import folders
@@ -230,9 +231,9 @@ def test_temperatures_are_those_of_the_sensors_that_work(tmp_path: Path, monkeyp
         (zone / "type").write_text(f"{kind}\n")
         if reading is not None:
             (zone / "temp").write_text(reading)
-    monkeypatch.setattr(health, "THERMAL", tmp_path)
+    monkeypatch.setattr(process_usage, "THERMAL", tmp_path)
     report = pb.Health()
-    health.ProcessUsage().fill(report)
+    process_usage.ProcessUsage().fill(report)
     assert [(t.sensor, t.celsius) for t in report.temperatures] == [
         ("cpu-thermal", pytest.approx(51.234)),
         ("npu", -3.0),
