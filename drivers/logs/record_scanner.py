@@ -127,9 +127,7 @@ class McapScan:
                 yield Damage(at, f"the disk cannot be read there ({error.strerror})", fatal=True)
                 return
             if ended and frame[: len(MAGIC)] == MAGIC and at + len(MAGIC) == self.size:
-                if self._summary_fault:  # readers that use the index refuse the file
-                    text = f"the summary at its end is damaged ({self._summary_fault})"
-                    yield Damage(at - _FOOTER_BYTES, text, fatal=False)
+                yield from self._damaged_summary(at)
                 return
             if len(frame) < _FRAME.size:
                 break
@@ -144,18 +142,19 @@ class McapScan:
                     yield from self._record(at, opcode, self.size - at - _FRAME.size, whole=False)
                 break
             ended = ended or opcode == Opcode.FOOTER
-            if length > _MAX_RECORD_BYTES:
-                yield Damage(
-                    at, f"record skipped: {length} bytes, more than the limit of {_MAX_RECORD_BYTES}", fatal=False
-                )
-            else:
-                yield from self._record(at, opcode, length)
+            yield from self._record(at, opcode, length)
             if self._records_left < 0:
                 most = _FIRST_RECORDS + self.size
                 yield Damage(at, f"the file has more records than the limit of {most} for its size", fatal=True)
                 return
             at += _FRAME.size + length
         yield Damage(at, "the file ends there without its summary", fatal=True)
+
+    def _damaged_summary(self, at: int) -> Iterator[Item]:
+        """The damage of the summary, which ends at `at`: readers that use the index refuse the file."""
+        if self._summary_fault:
+            text = f"the summary at its end is damaged ({self._summary_fault})"
+            yield Damage(at - _FOOTER_BYTES, text, fatal=False)
 
     def _only_zeros(self, at: int) -> bool:
         """Whether the rest is zeros: a partial block, or space that a power failure left unwritten."""
@@ -175,6 +174,10 @@ class McapScan:
         return self._stream.read(length)
 
     def _record(self, at: int, opcode: int, length: int, whole: bool = True) -> Iterator[Item]:
+        if length > _MAX_RECORD_BYTES:
+            text = f"record skipped: {length} bytes, more than the limit of {_MAX_RECORD_BYTES}"
+            yield Damage(at, text, fatal=False)
+            return
         if opcode not in _READ:
             return
         try:

@@ -5,18 +5,18 @@ autopilot only heartbeats are sent, and only on links whose other end waits for 
 
 from __future__ import annotations
 
-from collections import Counter, OrderedDict, deque
+from collections import Counter, OrderedDict
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from typing import Any
 
 from core.types import AttitudeSample, PoseSample
 
 from .anomalies import LinkAnomaly
 from .bandwidth import LinkBudget, budget_of
-from .clock_sync import NS, ClockFilter, ClockParams, ClockSource
+from .clock_sync import NS, ClockFilter, ClockSource
 from .conflicts import ConflictDetector
 from .dialect import MAV_AUTOPILOT_INVALID, MAV_COMP_ID_AUTOPILOT1, dialect
+from .heartbeats import Heartbeats
 from .motion import MOTION, MotionDecoder
 from .outbox import OBSTACLE_IDS, Outbox
 from .parser import MAVLINK1, Frame, MessageSplitter
@@ -41,8 +41,6 @@ MAV_MODE_FLAG_SAFETY_ARMED = 128
 AUTOPILOTS = {3: ARDUPILOT, 12: PX4}
 SILENT_NS = 3 * NS
 """Without messages for this long an autopilot counts as disconnected; another one may take its place."""
-LATE_COPY_NS, _MOST_HEARTBEATS = 10 * NS, 64
-"""A network or a second route may deliver a heartbeat again for this long; greatest number of heartbeats that are kept for it."""
 HEARTBEAT_ID, COMMAND_ACK_ID, TIMESYNC_ID = 0, 77, 111
 _READ = frozenset({HEARTBEAT_ID, COMMAND_ACK_ID})
 MOST_SOURCES = 16
@@ -57,7 +55,6 @@ class MavlinkSession:
     def __init__(
         self,
         params: MavlinkParams | None = None,
-        clock: ClockParams | None = None,
         on_frame: Callable[[bytes, int], None] | None = None,
         on_message: Callable[[Any, int], None] | None = None,
         signing: Signing | None = None,
@@ -70,7 +67,6 @@ class MavlinkSession:
 
         Args:
             params: ids and requested rates.
-            clock: parameters of the clock estimate.
             on_frame: called with every accepted frame as received, without its signature, and its arrival time, for
                 the log.
             on_message: called with every accepted message of the autopilot of the kinds in `reads`, decoded; not with a
@@ -81,7 +77,7 @@ class MavlinkSession:
             on_foreign: called with accepted messages of other vehicles, not decoded.
             foreign_ids: ids of messages for on_foreign."""
         self.params = params or MavlinkParams()
-        self.clock = ClockFilter(clock)
+        self.clock = ClockFilter()
         self.system_status = MAV_STATE_STANDBY
         self.vehicle: Vehicle | None = None
         self._expected = expected
@@ -108,7 +104,7 @@ class MavlinkSession:
         self._received_ns = 0
         self._clock_restarts = 0
         self._outbox = Outbox()
-        self._heartbeats: deque[tuple[int, bytes]] = deque(maxlen=_MOST_HEARTBEATS)
+        self._heartbeats = Heartbeats()
 
     # ---- in -----------------------------------------------------------------------------------------------------
 
@@ -160,26 +156,29 @@ class MavlinkSession:
         own = vehicle is not None and frame.system == vehicle.system_id and frame.component == MAV_COMP_ID_AUTOPILOT1
         if not own:
             self._conflicts.received(frame, vehicle.system_id if vehicle else 0, arrival_ns)
-        kind = frame.id
-        if kind in self._foreign_ids and self._on_foreign is not None:
+        if frame.id in self._foreign_ids and self._on_foreign is not None:
             if vehicle is None or frame.system != vehicle.system_id:
                 self._on_foreign(frame, arrival_ns)
             return None
-        if kind in MOTION:
-            return self._moves(frame, kind, arrival_ns) if own else None
-        if kind == TIMESYNC_ID:
-            self._timesync.take(frame, arrival_ns, from_autopilot=own)
+        if frame.id in MOTION:
+            return self._moves(frame, arrival_ns) if own else None
+        self._take_other(frame, arrival_ns, from_autopilot=own)
+        return None
+
+    def _take_other(self, frame: Frame, arrival_ns: int, *, from_autopilot: bool) -> None:
+        """Takes a message that is not motion."""
+        if frame.id == TIMESYNC_ID:
+            self._timesync.take(frame, arrival_ns, from_autopilot=from_autopilot)
             self._follow_clock()
-        if not self._is_read(kind):
-            if own:
-                self._note_autopilot(kind, arrival_ns)
-            return None
+        if not self._is_read(frame.id):
+            if from_autopilot:
+                self._note_autopilot(frame.id, arrival_ns)
+            return
         message = frame.message()
         if message is None:
             self.counts[LinkAnomaly.UNDECODABLE_MESSAGE] += 1
         else:
-            self._read(kind, message, arrival_ns)
-        return None
+            self._read(frame.id, message, arrival_ns)
 
     def _recognised(self, frame: Frame) -> Vehicle | None:
         """Returns the expected vehicle if the frame is of its autopilot. In flight its next heartbeat may arrive too
@@ -193,11 +192,14 @@ class MavlinkSession:
     def _is_read(self, kind: int) -> bool:
         """True if a message of this kind, other than motion, is used. Others are not decoded, because decoding takes
         most of the time."""
-        return kind in _READ or (self._on_message is not None and (self._reads is None or kind in self._reads))
+        return kind in _READ or (self._on_message is not None and self._is_for_user(kind))
 
-    def _moves(self, frame: Frame, kind: int, arrival_ns: int) -> AttitudeSample | PoseSample | None:
-        self._note_autopilot(kind, arrival_ns)
-        if not self._motion.wants(kind, arrival_ns):
+    def _is_for_user(self, kind: int) -> bool:
+        return self._reads is None or kind in self._reads
+
+    def _moves(self, frame: Frame, arrival_ns: int) -> AttitudeSample | PoseSample | None:
+        self._note_autopilot(frame.id, arrival_ns)
+        if not self._motion.wants(frame.id, arrival_ns):
             return None
         sample = self._motion.decode(frame, arrival_ns)
         self._follow_clock()
@@ -214,7 +216,7 @@ class MavlinkSession:
             if not self._is_answer(message):
                 return
             self.rates.acknowledged(int(message.command), int(message.result))
-        if self._on_message is not None and (self._reads is None or kind in self._reads):
+        if self._on_message is not None and self._is_for_user(kind):
             self._on_message(message, arrival_ns)
 
     def _is_answer(self, ack: Any) -> bool:
@@ -273,21 +275,11 @@ class MavlinkSession:
             data[0] == MAVLINK1,
             int(m.system_status),
         )
-        if self._is_late_copy(data, vehicle):
+        if self._heartbeats.is_late_copy(data, vehicle, old):
             self.counts[LinkAnomaly.LATE_HEARTBEAT] += 1
             return
-        self._heartbeats.append((arrival_ns, data))
+        self._heartbeats.add(data, arrival_ns)
         self.vehicle = vehicle
-
-    def _is_late_copy(self, data: bytes, new: Vehicle) -> bool:
-        """Returns whether a heartbeat was received before, byte by byte, and would bring its state back.
-
-        Each message of an autopilot has the next number of 256, so that a true return to an earlier state is hardly ever such a
-        copy; the next heartbeat then shows it."""
-        old, since_ns = self.vehicle, new.heartbeat_ns - LATE_COPY_NS
-        if old is None or replace(new, heartbeat_ns=old.heartbeat_ns) == old:
-            return False
-        return any(data == before and at_ns > since_ns for at_ns, before in self._heartbeats)
 
     def _restart(self) -> None:
         self._timesync.restart()

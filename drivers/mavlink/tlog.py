@@ -113,19 +113,17 @@ def read_tlog(path: Path) -> Tlog:
         end = _record_end(data, at)
         if end is not None and end <= len(data):
             message = _decode(decoder, data[at + 8 : end])
-            if message is not None and message.get_type().startswith("UNKNOWN_"):
-                if _starts_record(data, end):  # no checksum can be computed for it; only its framing is known
-                    at = end
-                    continue
-            elif message is not None:
+            if message is not None and not message.get_type().startswith("UNKNOWN_"):
                 messages += 1
                 if message.get_srcComponent() == MAV_COMP_ID_AUTOPILOT1 and message.get_type() in _KEPT:
                     stamp = int(struct.unpack_from(">Q", data, at)[0])
                     records.append(TlogRecord(stamp, message.get_srcSystem(), message))
                 at = end
                 continue
-            elif _starts_record(data, end):
-                bad += 1
+            if _starts_record(
+                data, end
+            ):  # of an unknown message no checksum can be computed: only its framing is known
+                bad += message is None
                 at = end
                 continue
         if (end is None and len(data) - at < 11) or (end is not None and end > len(data) and not _more(data, at + 1)):
