@@ -22,7 +22,8 @@ from core.types import AttitudeSample
 from drivers.mavlink.clock_sync import ClockSource
 from drivers.mavlink.session import MavlinkSession
 from drivers.mavlink.session_types import ARDUPILOT, PX4
-from drivers.simulation.autopilot import FirmwareProfile, SimulatedAutopilot
+from drivers.simulation.autopilot import SimulatedAutopilot
+from drivers.simulation.firmware_profile import FirmwareProfile
 from drivers.simulation.flight_path import VehicleState, body_rates
 
 NS, MS = 1_000_000_000, 1_000_000

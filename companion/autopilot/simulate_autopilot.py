@@ -14,8 +14,9 @@ from typing import Any
 
 from drivers.mavlink.address import parse_address
 from drivers.mavlink.session_types import ARDUPILOT, PX4
-from drivers.simulation.autopilot import FirmwareProfile, SimulatedAutopilot
+from drivers.simulation.autopilot import SimulatedAutopilot
 from drivers.simulation.autopilot_link import AutopilotLink, Faults, PtyEnd, UdpEnd
+from drivers.simulation.firmware_profile import FirmwareProfile
 from drivers.simulation.flights import flight_plan
 from drivers.simulation.looping_flight import LoopingFlight
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Callable
-from dataclasses import dataclass, field
 from typing import Any
 
 from ..mavlink.dialect import dialect
@@ -17,9 +16,9 @@ from ..mavlink.parser import MessageSplitter
 from ..mavlink.session_types import ARDUPILOT, PX4
 from .firmware_models.ardupilot import ArduPilotReader
 from .firmware_models.ardupilot_layers import ArduPilotHeights, ArduPilotLayers
-from .firmware_models.auto_flight import AutoFlight
 from .firmware_models.px4 import UNKNOWN, Px4Reader
 from .firmware_models.timed_flight import TimedFlight
+from .firmware_profile import FirmwareProfile, hovering
 from .flight_path import VehicleState
 
 NS = 1_000_000_000
@@ -41,47 +40,6 @@ _LOOK_NS = 1_000_000
 _SYS_STATUS, _PROXIMITY = 1, 1 << 26
 _VERSIONS = {PX4: (1, 16, 0), ARDUPILOT: (4, 6, 2)}
 _VERSION_REQUESTS = ((_REQUEST_MESSAGE, _AUTOPILOT_VERSION), (_REQUEST_CAPABILITIES, 1))
-
-
-def hovering(_: int) -> VehicleState:
-    """Level, two metres up, still."""
-    still = (0.0, 0.0, 0.0)
-    return VehicleState(position_ned_m=(0.0, 0.0, -2.0), velocity_ned_m_s=still, euler_rad=still, rates_frd_rad_s=still)
-
-
-def never(_: int) -> bool:
-    """Returns False at each instant."""
-    return False
-
-
-@dataclass(kw_only=True)
-class FirmwareProfile:
-    """Behaviour of a simulated autopilot."""
-
-    kind: str = PX4
-    system_id: int = 1
-    component_id: int = 1
-    drift: float = 0.0
-    boot_at_ns: int = 0
-    streams: dict[int, float] | None = None  # message id -> Hz sent without a request (None: as the firmware does)
-    knows_intervals: bool = True  # SET_MESSAGE_INTERVAL is supported
-    answers_timesync: bool = True
-    timesync_asks_hz: float = 10.0
-    armed: bool = False
-    custom_mode: int = 0
-    motion: Callable[[int], VehicleState] = field(default=hovering)  # the vehicle at a local instant, ns
-    hides_attitude: Callable[[int], bool] = field(default=never)  # whether the attitude is not sent at an instant, ns
-    # it signs, and accepts only messages that are signed with it; a key of zeros: it signs and accepts everything, as
-    # PX4 1.17 without a key
-    key: bytes | None = None
-    signing_ticks: int = 0  # its time at boot in units of signatures (10 us); 0: it has no clock
-    mavlink_1: bool = False  # it uses MAVLink 1
-    version: tuple[int, int, int] | None = None  # of its firmware; None: a usual one
-    hides_version: bool = False  # it does not answer AUTOPILOT_VERSION
-    landed_state: int = 0  # MAV_LANDED_STATE; 0: unknown
-    proximity_started: bool = True  # PRX1_TYPE was set when it started
-    # it flies by itself, by its mode and by commands; mode and motion are then those of the flight
-    flight: AutoFlight | None = None
 
 
 class SimulatedAutopilot:
@@ -137,56 +95,21 @@ class SimulatedAutopilot:
         """Time since boot on its own clock, which drifts."""
         return max(0, round((now_ns - self.profile.boot_at_ns) * (1.0 + self.profile.drift)))
 
+    def _boot_ms(self, now_ns: int) -> int:
+        return self.boot_ns(now_ns) // 1_000_000 % 2**32
+
     # ---- in -----------------------------------------------------------------------------------------------------
 
     def receive(self, data: bytes, now_ns: int) -> None:
         """Handles bytes that the companion sent."""
         for message in self._splitter.feed(data):
-            kind = message.get_type()
             if not self._takes(message):
                 self.dropped.append(message)
                 continue
             self.received.append(message)
-            if kind == "TIMESYNC" and message.tc1 == 0 and self.profile.answers_timesync:
-                self._answer(dialect.MAVLink_timesync_message(self.boot_ns(now_ns) // 1000 * 1000 or 1000, message.ts1))
-            elif kind == "COMMAND_LONG" and message.command == _SET_MESSAGE_INTERVAL:
-                self._set_interval(int(message.param1), float(message.param2))
-            elif kind == "COMMAND_LONG" and (message.command, int(message.param1)) in _VERSION_REQUESTS:
-                self._report_version(int(message.command))
-            elif kind == "COMMAND_LONG" and (message.command, int(message.param1)) == (_REQUEST_MESSAGE, _SYS_STATUS):
-                present = _PROXIMITY if self.profile.proximity_started else 0
-                self._answer(dialect.MAVLink_sys_status_message(present, present, present, *[0] * 10))
-            elif kind == "COMMAND_LONG" and (message.command, int(message.param1)) == (_REQUEST_MESSAGE, _HEARTBEAT):
-                self._answer(dialect.MAVLink_command_ack_message(_REQUEST_MESSAGE, 0))
-                self._answer(self._heartbeat())
-            elif kind == "COMMAND_LONG":
-                ack = self._flight.answer(message, (self.profile.system_id, self.profile.component_id), now_ns)
-                if ack is not None:
-                    self._answer(ack)
-            elif kind == "REQUEST_DATA_STREAM":
-                for number in _STREAMS.get(int(message.req_stream_id), ()):
-                    self._intervals[number] = float(message.req_message_rate)
-            elif kind == "PARAM_REQUEST_READ":
-                self._read_parameter(message)
-            elif kind == "PARAM_SET":
-                self._set_parameter(message)
-            elif kind == "OBSTACLE_DISTANCE":
-                self.obstacle_times_ns.append(now_ns)
-                if not self.ignores_obstacles:
-                    self.obstacles.read(message, now_ns)
-            elif (
-                kind == "OBSTACLE_DISTANCE_3D"
-                and not self.ignores_obstacles
-                and isinstance(self.obstacles, ArduPilotReader)
-            ):
-                self._layers_of(self.obstacles).read(message, now_ns)
-            elif kind == "DISTANCE_SENSOR" and not self.ignores_obstacles:
-                self.heights.read(message, now_ns)
-
-    def _layers_of(self, fence: ArduPilotReader) -> ArduPilotLayers:
-        """The layers of height of this fence."""
-        self.layers = self.layers or ArduPilotLayers(fence)
-        return self.layers
+            receive = _RECEIVERS.get(message.get_type())
+            if receive is not None:
+                receive(self, message, now_ns)
 
     def _takes(self, message: Any) -> bool:
         """Whether a message is accepted, by the check of the MAVLink library, which also advances its time by received timestamps."""
@@ -200,6 +123,45 @@ class SimulatedAutopilot:
     def of_kind(self, kind: str) -> list[Any]:
         """The received messages of one kind."""
         return [m for m in self.received if m.get_type() == kind]
+
+    def _time_request(self, message: Any, now_ns: int) -> None:
+        if message.tc1 == 0 and self.profile.answers_timesync:
+            self._answer(dialect.MAVLink_timesync_message(self.boot_ns(now_ns) // 1000 * 1000 or 1000, message.ts1))
+
+    def _command(self, message: Any, now_ns: int) -> None:
+        asked = message.command, int(message.param1)
+        if message.command == _SET_MESSAGE_INTERVAL:
+            self._set_interval(int(message.param1), float(message.param2))
+        elif asked in _VERSION_REQUESTS:
+            self._report_version(int(message.command))
+        elif asked == (_REQUEST_MESSAGE, _SYS_STATUS):
+            present = _PROXIMITY if self.profile.proximity_started else 0
+            self._answer(dialect.MAVLink_sys_status_message(present, present, present, *[0] * 10))
+        elif asked == (_REQUEST_MESSAGE, _HEARTBEAT):
+            self._answer(dialect.MAVLink_command_ack_message(_REQUEST_MESSAGE, 0))
+            self._answer(self._heartbeat())
+        else:
+            ack = self._flight.answer(message, (self.profile.system_id, self.profile.component_id), now_ns)
+            if ack is not None:
+                self._answer(ack)
+
+    def _stream_request(self, message: Any, _: int) -> None:
+        for number in _STREAMS.get(int(message.req_stream_id), ()):
+            self._intervals[number] = float(message.req_message_rate)
+
+    def _obstacle_distance(self, message: Any, now_ns: int) -> None:
+        self.obstacle_times_ns.append(now_ns)
+        if not self.ignores_obstacles:
+            self.obstacles.read(message, now_ns)
+
+    def _obstacle_point(self, message: Any, now_ns: int) -> None:
+        if isinstance(self.obstacles, ArduPilotReader) and not self.ignores_obstacles:
+            self.layers = self.layers or ArduPilotLayers(self.obstacles)
+            self.layers.read(message, now_ns)
+
+    def _distance(self, message: Any, now_ns: int) -> None:
+        if not self.ignores_obstacles:
+            self.heights.read(message, now_ns)
 
     def _set_interval(self, number: int, interval_us: float) -> None:
         result = 0
@@ -224,7 +186,7 @@ class SimulatedAutopilot:
                 dialect.MAVLink_autopilot_version_message(0, number, 0, 0, 0, [0] * 8, [0] * 8, [0] * 8, 0, 0, 0)
             )
 
-    def _read_parameter(self, request: Any) -> None:
+    def _read_parameter(self, request: Any, _: int) -> None:
         name = request.param_id
         if name not in self.parameters:
             return
@@ -234,7 +196,7 @@ class SimulatedAutopilot:
         index = list(self.parameters).index(name)
         self._answer(dialect.MAVLink_param_value_message(name.encode(), value, kind, len(self.parameters), index))
 
-    def _set_parameter(self, message: Any) -> None:
+    def _set_parameter(self, message: Any, now_ns: int) -> None:
         """Sets a parameter and sends it with its new value."""
         name, value = message.param_id, float(message.param_value)
         if name not in self.parameters:
@@ -243,7 +205,7 @@ class SimulatedAutopilot:
             value = struct.unpack("<i", struct.pack("<f", value))[0]
         if name not in self.stubborn:
             self.parameters[name] = value
-        self._read_parameter(message)
+        self._read_parameter(message, now_ns)
 
     def relay(self, data: bytes) -> None:
         """Adds bytes of another sender, which a router forwards with the next message."""
@@ -301,20 +263,16 @@ class SimulatedAutopilot:
 
     def _attitude(self, now_ns: int) -> list[Any]:
         m = self._state(now_ns)
-        return [
-            dialect.MAVLink_attitude_message(
-                self.boot_ns(now_ns) // 1_000_000 % 2**32, *m.euler_rad, *m.rates_frd_rad_s
-            )
-        ]
+        return [dialect.MAVLink_attitude_message(self._boot_ms(now_ns), *m.euler_rad, *m.rates_frd_rad_s)]
 
     def _attitude_quaternion(self, now_ns: int) -> list[Any]:
         m = self._state(now_ns)
-        boot_ms = self.boot_ns(now_ns) // 1_000_000 % 2**32
+        boot_ms = self._boot_ms(now_ns)
         return [dialect.MAVLink_attitude_quaternion_message(boot_ms, *m.q_ned_frd_wxyz, *m.rates_frd_rad_s)]
 
     def _local_position(self, now_ns: int) -> list[Any]:
         m = self._state(now_ns)
-        boot_ms = self.boot_ns(now_ns) // 1_000_000 % 2**32
+        boot_ms = self._boot_ms(now_ns)
         return [dialect.MAVLink_local_position_ned_message(boot_ms, *m.position_ned_m, *m.velocity_ned_m_s)]
 
     def _fused_obstacles(self, now_ns: int) -> list[Any]:
@@ -343,7 +301,7 @@ class SimulatedAutopilot:
             return []
         return [
             dialect.MAVLink_distance_sensor_message(
-                self.boot_ns(now_ns) // 1_000_000 % 2**32, 20, 1200, round(100 * m), 0, 10 + face, face, 0
+                self._boot_ms(now_ns), 20, 1200, round(100 * m), 0, 10 + face, face, 0
             )
             for face, m in enumerate(self.obstacles.faces_m(now_ns))
             if m < 1e6
@@ -365,4 +323,14 @@ _SENDERS: dict[int, Callable[[SimulatedAutopilot, int], list[Any]]] = {
     _OBSTACLE_DISTANCE: SimulatedAutopilot._fused_obstacles,
     _DISTANCE_SENSOR: SimulatedAutopilot._face_distances,
     _EXTENDED_SYS_STATE: SimulatedAutopilot._extended_sys_state,
+}
+_RECEIVERS: dict[str, Callable[[SimulatedAutopilot, Any, int], None]] = {
+    "TIMESYNC": SimulatedAutopilot._time_request,
+    "COMMAND_LONG": SimulatedAutopilot._command,
+    "REQUEST_DATA_STREAM": SimulatedAutopilot._stream_request,
+    "PARAM_REQUEST_READ": SimulatedAutopilot._read_parameter,
+    "PARAM_SET": SimulatedAutopilot._set_parameter,
+    "OBSTACLE_DISTANCE": SimulatedAutopilot._obstacle_distance,
+    "OBSTACLE_DISTANCE_3D": SimulatedAutopilot._obstacle_point,
+    "DISTANCE_SENSOR": SimulatedAutopilot._distance,
 }

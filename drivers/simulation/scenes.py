@@ -214,12 +214,12 @@ class SceneBuilder:
         top = np.array([[-length / 2, 0.0, -ridge], [length / 2, 0.0, -ridge]])
         self.convex(name, np.vstack([body, top]) @ _yaw_axes(yaw) + [x, y, 0.0], yaw)
 
-    def ramp(self, name: str, x: float, y: float, length: float, width: float, height: float, yaw: float = 0.0) -> None:
-        """A wedge that rises from 0 to `height` along its heading."""
+    def ramp(self, name: str, x: float, y: float, length: float, width: float, height: float) -> None:
+        """A wedge that rises from 0 to `height` northwards."""
         low, high = np.array([-length / 2, -width / 2, -height]), np.array([length / 2, width / 2, 0.0])
         points = _corners(low, high, np.eye(3), np.zeros(3))
         points = points[~((points[:, 0] < 0) & (points[:, 2] < 0))]
-        self.convex(name, points @ _yaw_axes(yaw) + [x, y, 0.0], yaw)
+        self.convex(name, points + np.array([x, y, 0.0]))
 
     def trapezoid(
         self, name: str, x: float, y: float, bottom: float, top: float, height: float, yaw: float = 0.0
@@ -247,8 +247,9 @@ class SceneBuilder:
         """A vertical cylinder that stands on z = 0."""
         self.cylinder(name, (x, y, 0.0), (x, y, -height), diameter / 2)
 
-    def person(self, name: str, x: float, y: float, height: float = 1.75) -> None:
-        """A standing person: a trunk of 0.5 x 0.3 m and a head."""
+    def person(self, name: str, x: float, y: float) -> None:
+        """A standing person of 1.75 m: a trunk of 0.5 x 0.3 m and a head."""
+        height = 1.75
         self.ellipsoid(name, (x, y, -0.43 * height), (0.16, 0.25, 0.43 * height))
         self.sphere(name, x, y, 0.92 * height, 0.08 * height)
 

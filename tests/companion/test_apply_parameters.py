@@ -21,8 +21,9 @@ from companion.cli import main
 from companion.config.loader import Config, load_config
 from companion.doctor import autopilot_check, doctor
 from drivers.mavlink.session import SILENT_NS
-from drivers.simulation.autopilot import ARDUPILOT, PX4, FirmwareProfile, SimulatedAutopilot
+from drivers.simulation.autopilot import ARDUPILOT, PX4, SimulatedAutopilot
 from drivers.simulation.autopilot_link import AutopilotLink, UdpEnd
+from drivers.simulation.firmware_profile import FirmwareProfile
 from tests.ports import free_port
 
 from .autopilot_parameters import DEFAULTS, PARAMETERS

@@ -19,8 +19,9 @@ from companion.pipeline.latency import LatencyStage
 from drivers.mavlink.dialect import dialect
 from drivers.mavlink.parser import MessageSplitter
 from drivers.mavlink.session_types import Vehicle
-from drivers.simulation.autopilot import ARDUPILOT, PX4, FirmwareProfile, SimulatedAutopilot
+from drivers.simulation.autopilot import ARDUPILOT, PX4, SimulatedAutopilot
 from drivers.simulation.firmware_models.px4 import Px4Reader
+from drivers.simulation.firmware_profile import FirmwareProfile
 
 AVOID = AvoidParams(max_distance_m=12.0)
 NS = 1_000_000_000

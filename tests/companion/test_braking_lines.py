@@ -24,8 +24,9 @@ from core.types import AttitudeSample, DepthFrame, PoseSample
 from drivers.mavlink.address import parse_address
 from drivers.mavlink.link import MavlinkLink
 from drivers.mavlink.session import MavlinkSession
-from drivers.simulation.autopilot import ARDUPILOT, PX4, FirmwareProfile, SimulatedAutopilot
+from drivers.simulation.autopilot import ARDUPILOT, PX4, SimulatedAutopilot
 from drivers.simulation.autopilot_link import AutopilotLink, PtyEnd, UdpEnd
+from drivers.simulation.firmware_profile import FirmwareProfile
 from drivers.simulation.flight_path import VehicleState
 from drivers.simulation.scenes import Scene
 from drivers.simulation.source import render

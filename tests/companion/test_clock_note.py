@@ -16,7 +16,8 @@ from drivers.mavlink.clock_sync import ClockEstimate, ClockSource
 from drivers.mavlink.dialect import dialect
 from drivers.mavlink.session import MavlinkSession
 from drivers.mavlink.session_types import LinkStatus, MavlinkParams, Vehicle
-from drivers.simulation.autopilot import FirmwareProfile, SimulatedAutopilot
+from drivers.simulation.autopilot import SimulatedAutopilot
+from drivers.simulation.firmware_profile import FirmwareProfile
 
 NS = 1_000_000_000
 MS = 1_000_000

@@ -29,8 +29,9 @@ from drivers.mavlink.address import parse_address
 from drivers.mavlink.dialect import dialect
 from drivers.mavlink.link import MavlinkLink
 from drivers.mavlink.session import MavlinkSession
-from drivers.simulation.autopilot import ARDUPILOT, AUTOPILOT_IDS, PX4, FirmwareProfile, SimulatedAutopilot, hovering
+from drivers.simulation.autopilot import ARDUPILOT, AUTOPILOT_IDS, PX4, SimulatedAutopilot
 from drivers.simulation.autopilot_link import AutopilotLink, Faults, PtyEnd, UdpEnd
+from drivers.simulation.firmware_profile import FirmwareProfile, hovering
 from drivers.simulation.flight_path import VehicleState
 from tests.ports import free_port
 

@@ -14,7 +14,8 @@ from companion.autopilot.status_text import MOST_CHARACTERS
 from companion.config.avoidance import AvoidParams
 from companion.config.loader import Config
 from drivers.mavlink.session_types import Vehicle
-from drivers.simulation.autopilot import ARDUPILOT, PX4, FirmwareProfile, SimulatedAutopilot
+from drivers.simulation.autopilot import ARDUPILOT, PX4, SimulatedAutopilot
+from drivers.simulation.firmware_profile import FirmwareProfile
 
 from .test_avoidance import answers
 

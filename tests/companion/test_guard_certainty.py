@@ -22,7 +22,8 @@ from drivers.mavlink.clock_sync import ClockEstimate, ClockSource
 from drivers.mavlink.dialect import dialect
 from drivers.mavlink.session import LinkStatus, MavlinkSession, Vehicle
 from drivers.mavlink.session_types import MavlinkParams
-from drivers.simulation.autopilot import FirmwareProfile, SimulatedAutopilot
+from drivers.simulation.autopilot import SimulatedAutopilot
+from drivers.simulation.firmware_profile import FirmwareProfile
 
 NS = 1_000_000_000
 NOW = 100 * NS

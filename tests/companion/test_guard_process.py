@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from drivers.mavlink.commands import COPTER_BRAKE, COPTER_LOITER, DO_CHANGE_SPEED, DO_SET_MODE
-from drivers.simulation.autopilot import ARDUPILOT, PX4, FirmwareProfile, SimulatedAutopilot
+from drivers.simulation.autopilot import ARDUPILOT, PX4, SimulatedAutopilot
 from drivers.simulation.autopilot_link import AutopilotLink
 from drivers.simulation.firmware_models.auto_flight import (
     COPTER_AUTO,
@@ -24,6 +24,7 @@ from drivers.simulation.firmware_models.auto_flight import (
     CopterAutoFlight,
     Px4AutoFlight,
 )
+from drivers.simulation.firmware_profile import FirmwareProfile
 from tests.ports import free_port
 
 from .live import Live, unread_output, until

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from drivers.mavlink import commands
 from drivers.mavlink.dialect import dialect
-from drivers.simulation.autopilot import ARDUPILOT, FirmwareProfile, SimulatedAutopilot
+from drivers.simulation.autopilot import ARDUPILOT, SimulatedAutopilot
 from drivers.simulation.firmware_models.auto_flight import (
     ACCEPTED,
     COPTER_AUTO,
@@ -27,6 +27,7 @@ from drivers.simulation.firmware_models.auto_flight import (
     Yaw,
 )
 from drivers.simulation.firmware_models.px4_position_mode import GRAVITY_M_S2
+from drivers.simulation.firmware_profile import FirmwareProfile
 from drivers.simulation.wind import Wind
 
 FAR = np.array([[300.0, 0.0]])

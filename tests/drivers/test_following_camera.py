@@ -13,8 +13,9 @@ from core.frames import quaternion_from_euler
 from core.types import UNKNOWN_MM, AttitudeSample, CameraMount, PoseSample
 from drivers.base import DeviceNotFound
 from drivers.simulation import following_camera
-from drivers.simulation.autopilot import PX4, FirmwareProfile, SimulatedAutopilot
+from drivers.simulation.autopilot import PX4, SimulatedAutopilot
 from drivers.simulation.autopilot_link import AutopilotLink, UdpEnd
+from drivers.simulation.firmware_profile import FirmwareProfile
 from drivers.simulation.flight_path import VehicleState
 from drivers.simulation.flights import flight_plan
 from drivers.simulation.following_camera import FollowingDepthSource, FollowSettings

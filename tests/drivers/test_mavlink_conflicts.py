@@ -15,8 +15,9 @@ from drivers.mavlink.parser import MessageSplitter
 from drivers.mavlink.session import MavlinkSession
 from drivers.mavlink.session_types import MavlinkParams
 from drivers.mavlink.udp_line import UdpLine
-from drivers.simulation.autopilot import ARDUPILOT, PX4, FirmwareProfile, SimulatedAutopilot
+from drivers.simulation.autopilot import ARDUPILOT, PX4, SimulatedAutopilot
 from drivers.simulation.autopilot_link import AutopilotLink, UdpEnd
+from drivers.simulation.firmware_profile import FirmwareProfile
 from tests.ports import free_port
 
 from .test_mavlink_link import linked, until

@@ -37,8 +37,9 @@ from drivers.mavlink.session_types import MavlinkParams
 from drivers.mavlink.transport import Chunk
 from drivers.mavlink.udp_flood import PER_SOURCE, WINDOW_NS
 from drivers.mavlink.udp_line import UdpLine
-from drivers.simulation.autopilot import ARDUPILOT, PX4, FirmwareProfile, SimulatedAutopilot
+from drivers.simulation.autopilot import ARDUPILOT, PX4, SimulatedAutopilot
 from drivers.simulation.autopilot_link import AutopilotLink, Faults, PtyEnd, UdpEnd
+from drivers.simulation.firmware_profile import FirmwareProfile
 from tests.ports import free_port
 
 pytestmark = pytest.mark.process

@@ -22,7 +22,8 @@ from drivers.mavlink.motion import motion_fields
 from drivers.mavlink.parser import MessageSplitter
 from drivers.mavlink.session import MAV_STATE_CRITICAL, MavlinkSession
 from drivers.mavlink.session_types import MavlinkParams, Vehicle
-from drivers.simulation.autopilot import ARDUPILOT, PX4, FirmwareProfile, SimulatedAutopilot, hovering
+from drivers.simulation.autopilot import ARDUPILOT, PX4, SimulatedAutopilot
+from drivers.simulation.firmware_profile import FirmwareProfile, hovering
 from drivers.simulation.flight_path import VehicleState
 
 MS, NS = 1_000_000, 1_000_000_000

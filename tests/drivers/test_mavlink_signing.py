@@ -18,7 +18,8 @@ from drivers.mavlink.session import MavlinkSession
 from drivers.mavlink.signing import Signing, for_the_log
 from drivers.mavlink.signing_clock import AHEAD, EPOCH_UNIX_S, LAST_TICK, TICKS_PER_S, SigningClock, wall_ticks
 from drivers.mavlink.signing_key import SigningKey, load_key, make_key
-from drivers.simulation.autopilot import ARDUPILOT, PX4, FirmwareProfile, SimulatedAutopilot
+from drivers.simulation.autopilot import ARDUPILOT, PX4, SimulatedAutopilot
+from drivers.simulation.firmware_profile import FirmwareProfile
 
 from .test_mavlink_link import until
 from .test_mavlink_session import MS, NS, Conversation

@@ -12,8 +12,9 @@ import pytest
 
 from drivers.mavlink.parser import MessageSplitter
 from drivers.simulation import autopilot_link as line_module
-from drivers.simulation.autopilot import ARDUPILOT, PX4, FirmwareProfile, SimulatedAutopilot
+from drivers.simulation.autopilot import ARDUPILOT, PX4, SimulatedAutopilot
 from drivers.simulation.autopilot_link import AutopilotLink, UdpEnd
+from drivers.simulation.firmware_profile import FirmwareProfile
 
 pytestmark = pytest.mark.process
 

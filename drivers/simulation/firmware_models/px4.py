@@ -23,15 +23,14 @@ BODY_FRD = 12
 
 
 class Px4Reader:
-    """Obstacle map of one PX4. bin_deg: 5 (v1.16) or 10 (up to v1.15). go_no_data: CP_GO_NO_DATA. cp_dist_m: CP_DIST."""
+    """Obstacle map of one PX4. bin_deg: 5 (v1.16) or 10 (up to v1.15). cp_dist_m: CP_DIST."""
 
-    def __init__(self, bin_deg: int = 5, cp_dist_m: float = 2.0, go_no_data: bool = False) -> None:
-        self.bin_deg, self.cp_dist_m, self.go_no_data = bin_deg, cp_dist_m, go_no_data
+    def __init__(self, bin_deg: int = 5, cp_dist_m: float = 2.0) -> None:
+        self.bin_deg, self.cp_dist_m = bin_deg, cp_dist_m
         count = 360 // bin_deg
         self._cm = [UNKNOWN] * count
         self.ranges_cm = [0] * count
         self.updated_ns = [0] * count
-        self.ever_known = [False] * count
         self._newest_ns: int | None = None
         self.min_cm = UNKNOWN
 
@@ -47,7 +46,6 @@ class Px4Reader:
             value = message.distances[math.ceil(at / message.increment_f)]
             if value != UNKNOWN and _accepts(cached[i], self.ranges_cm[i], value, message.max_distance):
                 self._cm[i], self.ranges_cm[i], self.updated_ns[i] = value, message.max_distance, now_ns
-                self.ever_known[i] = True
 
     @property
     def keep_m(self) -> float:
@@ -68,8 +66,8 @@ class Px4Reader:
         return not self.has_data(now_ns) and (self._newest_ns is None or now_ns - self._newest_ns > HOLD_NS)
 
     def feasible(self, index: int, now_ns: int) -> bool:
-        """Whether PX4 permits movement into bin `index`: it has data, or CP_GO_NO_DATA permits movement without."""
-        return self.bins_cm(now_ns)[index] != UNKNOWN or (self.go_no_data and not self.ever_known[index])
+        """Whether PX4 permits movement into bin `index`: it has data. CP_GO_NO_DATA is 0, its default."""
+        return self.bins_cm(now_ns)[index] != UNKNOWN
 
     def room_m(self, direction_deg: float, now_ns: int) -> float:
         """Distance that may be flown in a direction before the vehicle must stand: inf where clear, 0 where no movement is

@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from core.types import CameraInfo, CameraMount, Intrinsics
+from core.types import CameraInfo, Intrinsics
 
 from ...cameras.stereo import MatchParams
 from ..scenes import Scene
 from .pair_renderer import StereoView
-from .sky import CLEAR, Sky
+from .sky import CLEAR
 from .stereo_profiles import ZED, StereoCamera, StereoProfile
 from .stereo_scenes import StereoScene, surfaces_of
 from .textures import Floats
@@ -26,19 +26,17 @@ def flight_profile(intrinsics: Intrinsics, disparities: int = 96, mark_smooth: b
     return replace(ZED, name="flight", view=view, match=MatchParams(disparities=disparities, mark_smooth=mark_smooth))
 
 
-def stereo_camera_info(
-    intrinsics: Intrinsics, camera: str, mount: CameraMount | None = None, mark_smooth: bool = False
-) -> CameraInfo:
+def stereo_camera_info(intrinsics: Intrinsics, camera: str, mark_smooth: bool) -> CameraInfo:
     """The description of a simulated stereo camera. mark_smooth: see MatchParams."""
-    return flight_profile(intrinsics, mark_smooth=mark_smooth).info(camera, mount)
+    return flight_profile(intrinsics, mark_smooth=mark_smooth).info(camera)
 
 
 class RenderedDepth:
     """Depth images of one scene for several cameras. One thread at a time."""
 
-    def __init__(self, scene: Scene, sky: Sky = CLEAR, disparities: int = 96, mark_smooth: bool = False) -> None:
+    def __init__(self, scene: Scene, disparities: int, mark_smooth: bool) -> None:
         self._disparities, self._mark_smooth = disparities, mark_smooth
-        self._scene = StereoScene(name=scene.name, surfaces=surfaces_of(scene), sky=sky)
+        self._scene = StereoScene(name=scene.name, surfaces=surfaces_of(scene), sky=CLEAR)
         self._cameras: dict[Intrinsics, StereoCamera] = {}
 
     def depth_mm(
