@@ -25,7 +25,8 @@ from scipy.spatial import ConvexHull
 
 from companion.autopilot.failsafe import AutopilotNow
 from companion.autopilot.obstacle_distance import UNKNOWN, clear_cm, obstacle_distance_message
-from companion.autopilot.obstacle_report import ObstacleReportBuilder, SeenCameras
+from companion.autopilot.obstacle_report import SeenCameras
+from companion.autopilot.report_builder import ObstacleReportBuilder
 from companion.config.avoidance import AvoidParams
 from companion.pipeline.pipeline import Pipeline
 from companion.pipeline.results import PrismsResult

@@ -11,7 +11,8 @@ import numpy as np
 
 from companion.autopilot.failsafe import AutopilotNow
 from companion.autopilot.line import AutopilotLine
-from companion.autopilot.obstacle_report import ObstacleReportBuilder, SeenCameras
+from companion.autopilot.obstacle_report import SeenCameras
+from companion.autopilot.report_builder import ObstacleReportBuilder
 from companion.autopilot.surroundings import Surroundings
 from companion.config.avoidance import AvoidParams
 from companion.config.guard import GuardParams

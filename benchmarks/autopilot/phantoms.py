@@ -13,7 +13,8 @@ from functools import lru_cache
 import numpy as np
 
 from companion.autopilot.failsafe import AutopilotNow
-from companion.autopilot.obstacle_report import ObstacleReportBuilder, SeenCameras
+from companion.autopilot.obstacle_report import SeenCameras
+from companion.autopilot.report_builder import ObstacleReportBuilder
 from companion.config.avoidance import AvoidParams
 from companion.pipeline.pipeline import Pipeline
 from companion.pipeline.results import PrismsResult

@@ -18,8 +18,9 @@ from benchmarks.open_air.vehicles import MARGIN_M, vehicle_of
 from benchmarks.open_air.views import profile_of
 from companion.autopilot.failsafe import AutopilotNow
 from companion.autopilot.obstacle_distance import clear_cm, obstacle_distance_message
-from companion.autopilot.obstacle_report import ObstacleReportBuilder, SeenCameras
+from companion.autopilot.obstacle_report import SeenCameras
 from companion.autopilot.polar_histogram import centres_rad
+from companion.autopilot.report_builder import ObstacleReportBuilder
 from companion.config.avoidance import AvoidParams
 from companion.pipeline.pipeline import Pipeline
 from companion.pipeline.results import PrismsResult

@@ -33,8 +33,9 @@ from .landed import EXTENDED_SYS_STATE
 from .last_values import LastValuesFile
 from .line import AutopilotLine
 from .obstacle_distance import clear_cm
-from .obstacle_report import ObstacleReport, ObstacleReportBuilder, SeenCameras
+from .obstacle_report import ObstacleReport, SeenCameras
 from .parameter_advice import AutopilotFacts, advice, delay_advice, position_mode_fault
+from .report_builder import ObstacleReportBuilder
 from .sector_view import SectorView
 from .sender import ObstacleSender
 from .status_text import CRITICAL, StatusTexts, mount_note

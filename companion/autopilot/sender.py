@@ -18,7 +18,8 @@ from .distance_sensor import DOWNWARD, UPWARD, distance_sensor_message
 from .failsafe import AutopilotNow
 from .obstacle_distance import obstacle_distance_message
 from .obstacle_distance_3d import level_points, obstacle_points_messages
-from .obstacle_report import ObstacleReport, ObstacleReportBuilder
+from .obstacle_report import ObstacleReport
+from .report_builder import ObstacleReportBuilder
 
 NS = 1_000_000_000
 LATE_NS = NS // 10

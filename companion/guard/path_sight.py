@@ -17,6 +17,7 @@ import numpy as np
 
 from ..autopilot.confirmation import SMALL_M2
 from ..autopilot.obstacle_memory import Here
+from ..autopilot.obstacle_report import RECKONING_ERRORS
 from ..autopilot.polar_histogram import SEEN_SHARE, STEP_RAD, Recall, centres_rad
 from ..autopilot.surroundings import Surroundings
 from ..autopilot.view_free import View
@@ -35,8 +36,6 @@ STEEPEST = 1.0
 """Greatest slope of a path, vertical over horizontal."""
 LEAST_RANGE_M = 0.3
 """Least range at which the pixels that cover SMALL_M2 are counted."""
-RECKONING_ERRORS = (ArithmeticError, AssertionError, LookupError, ValueError)
-"""Errors of the computation after which the path counts as not seen."""
 
 Frame = tuple[str, int]
 """Camera, and exposure in monotonic ns."""

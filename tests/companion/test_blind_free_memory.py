@@ -8,7 +8,8 @@ from dataclasses import replace
 import pytest
 
 from companion.autopilot.failsafe import AutopilotNow
-from companion.autopilot.obstacle_report import ObstacleReportBuilder, SeenCameras
+from companion.autopilot.obstacle_report import SeenCameras
+from companion.autopilot.report_builder import ObstacleReportBuilder
 from companion.pipeline.pipeline import Pipeline
 from companion.pipeline.results import PrismsResult
 from core.types import AttitudeSample, CameraMount, PoseSample

@@ -10,7 +10,8 @@ import pytest
 
 from companion.autopilot.failsafe import AutopilotNow
 from companion.autopilot.obstacle_distance import obstacle_distance_message
-from companion.autopilot.obstacle_report import ObstacleReportBuilder, SeenCameras
+from companion.autopilot.obstacle_report import SeenCameras
+from companion.autopilot.report_builder import ObstacleReportBuilder
 from companion.config.avoidance import AvoidParams
 from companion.pipeline.pipeline import Pipeline
 from companion.pipeline.results import PrismsResult

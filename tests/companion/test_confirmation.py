@@ -9,8 +9,9 @@ import pytest
 
 from benchmarks.autopilot.phantoms import hover
 from companion.autopilot.obstacle_distance import UNKNOWN
-from companion.autopilot.obstacle_report import ObstacleReportBuilder, SeenCameras
+from companion.autopilot.obstacle_report import SeenCameras
 from companion.autopilot.polar_histogram import SECTORS, SectorScan, SectorState, centres_rad
+from companion.autopilot.report_builder import ObstacleReportBuilder
 from companion.autopilot.seen_sectors import SectorSight, SeenSectors
 from companion.autopilot.surroundings import Surroundings
 from companion.pipeline.pipeline import Pipeline

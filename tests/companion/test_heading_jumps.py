@@ -13,8 +13,9 @@ from hypothesis import strategies as st
 from companion.autopilot.distance_sensor import Overhead
 from companion.autopilot.free_space_memory import FreeMemory
 from companion.autopilot.obstacle_memory import Here, ObstacleMemory
-from companion.autopilot.obstacle_report import ObstacleReportBuilder, SeenCameras
+from companion.autopilot.obstacle_report import SeenCameras
 from companion.autopilot.polar_histogram import scan
+from companion.autopilot.report_builder import ObstacleReportBuilder
 from companion.autopilot.surroundings import Surroundings
 from companion.autopilot.view_free import View
 from companion.config.avoidance import AvoidParams

@@ -12,8 +12,9 @@ from companion.autopilot.camera_coverage import Look, looked_into
 from companion.autopilot.failsafe import AutopilotNow
 from companion.autopilot.obstacle_distance import UNKNOWN
 from companion.autopilot.obstacle_memory import Here
-from companion.autopilot.obstacle_report import ObstacleReportBuilder, SeenCameras
+from companion.autopilot.obstacle_report import SeenCameras
 from companion.autopilot.polar_histogram import SectorState, scan
+from companion.autopilot.report_builder import ObstacleReportBuilder
 from companion.autopilot.vehicle_motion import VehicleMotion
 from companion.autopilot.view_free import RING_M
 from companion.cameras.masks import apply_mask, configured_mask, outside_text, polygons, unmeasured_mask

@@ -18,7 +18,8 @@ from companion.autopilot import sender as sender_module
 from companion.autopilot.confirmation import PlaneConfirmation
 from companion.autopilot.failsafe import AutopilotNow
 from companion.autopilot.obstacle_distance import UNKNOWN, obstacle_distance_message
-from companion.autopilot.obstacle_report import MOST_WAITING, ObstacleReport, ObstacleReportBuilder, SeenCameras
+from companion.autopilot.obstacle_report import ObstacleReport, SeenCameras
+from companion.autopilot.report_builder import MOST_WAITING, ObstacleReportBuilder
 from companion.autopilot.sender import ObstacleSender
 from companion.autopilot.surroundings import Surroundings
 from companion.config.avoidance import AvoidParams

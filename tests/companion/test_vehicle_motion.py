@@ -6,7 +6,8 @@ import math
 
 import pytest
 
-from companion.autopilot.obstacle_report import ObstacleReportBuilder, SeenCameras
+from companion.autopilot.obstacle_report import SeenCameras
+from companion.autopilot.report_builder import ObstacleReportBuilder
 from companion.autopilot.surroundings import Surroundings
 from companion.autopilot.vehicle_motion import VehicleMotion
 from companion.config.guard import GuardParams
