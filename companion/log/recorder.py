@@ -6,11 +6,9 @@ gap that a replay would miss."""
 
 from __future__ import annotations
 
-import threading
 import time
-from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Iterable, Sequence
+from contextlib import AbstractContextManager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
@@ -31,6 +29,7 @@ from ..pipeline.tracking import TracksResult
 from .current_file import Begin, CurrentLog, LogRemovedError
 from .depth_rate import DepthRate
 from .log_writer import LogWriter
+from .record_queue import IDLE_S, RecordQueue
 from .repair import Repairs
 
 NS: Final = 1_000_000_000
@@ -46,13 +45,6 @@ recording."""
 _SMALL: Final = 512
 """Queue size of a sample or a decision, bytes."""
 _RESULT: Final = 20_000
-_WAKE_BYTES: Final = 100_000
-_WAKE_ITEMS: Final = 64
-_IDLE_S: Final = 0.2
-"""Longest time until queued items are written."""
-_AFTER_S: Final = 0.001
-"""Delay before the work on a new frame: its subscribers wake up at the same time and would wait 1 to 2 ms for a
-processor that compresses a chunk."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -78,8 +70,8 @@ _Item = Begin | _Write | None
 class Recorder:
     """The pipeline thread calls `begin`, `event`, `output`, `message` and `end`; `close` finishes the last file.
 
-    When `wants_begin`, the caller calls `begin` with the present state. One lock, that of `_ready`, guards all shared
-    fields. It is the last in the lock order: no other lock is taken while it is held."""
+    When `wants_begin`, the caller calls `begin` with the present state. One lock, that of the queue, guards all shared
+    fields."""
 
     def __init__(
         self, folder: Path, run: pb.RunInfo, params: RecordParams | None = None, output: OutputConfig | None = None
@@ -87,13 +79,7 @@ class Recorder:
         """output: whether drawings and transforms for viewers are recorded."""
         self._folder, self._run_info, self._params = folder, run, params or RecordParams()
         self._drawn = output or OutputConfig()
-        self._queue: deque[_Item] = deque()
-        self._queued_bytes = 0
-        self._deferred: list[_Item] = []
-        self._deferred_bytes = 0
-        self._deferring = False
-        self._ready = threading.Condition()
-        self._stop = False
+        self._queue: RecordQueue[_Item] = RecordQueue(self._params.queue_items, self._params.queue_mb * 1e6)
         self._accepting = self._started_once = False
         self._start_wanted, self._not_before_ns = True, 0
         self._status = RecordStatus(alive_ns=time.monotonic_ns())
@@ -110,9 +96,8 @@ class Recorder:
     @property
     def status(self) -> RecordStatus:
         """The present state."""
-        with self._ready:
-            queued = len(self._queue) + len(self._deferred)
-            status = replace(self._status, queued=queued, dropped=self._dropped)
+        with self._queue.lock:
+            status = replace(self._status, queued=self._queue.waiting, dropped=self._dropped)
         if self._thread.failure:
             fault = (
                 f"recording has ended ({self._thread.failure}); restart the service; `companion recover` completes "
@@ -135,27 +120,27 @@ class Recorder:
     @property
     def may_begin(self) -> bool:
         """Whether a new file can begin now; not for RETRY_NS after a failure."""
-        with self._ready:
+        with self._queue.lock:
             return time.monotonic_ns() >= self._not_before_ns
 
     @property
     def wants_begin(self) -> bool:
         """Whether a new file should begin now."""
-        with self._ready:
+        with self._queue.lock:
             return self._start_wanted and self.may_begin
 
     # ---- from the pipeline ------------------------------------------------------------------------------------------
 
     def begin(self, t_ns: int, cameras: Iterable[CameraInfo], state: PipelineState, idle: bool = False) -> None:
         """Begins a new file with this state. idle: the vehicle is disarmed; the budget deletes such files first."""
-        with self._ready:
+        with self._queue.lock:
             self._started_once = True
             self._accepting = self._append(Begin(t_ns, tuple(cameras), state, idle), _SMALL)
             self._start_wanted = not self._accepting
 
     def end(self) -> None:
         """Ends the file: the vehicle was disarmed."""
-        with self._ready:
+        with self._queue.lock:
             self._accepting = False
             self._append(None, 0)
 
@@ -204,22 +189,14 @@ class Recorder:
         """Records another message of the table of topics."""
         self._enqueue(lambda log: log.write(key, message, t_ns), message.ByteSize() + _SMALL)
 
-    @contextmanager
-    def deferred(self) -> Iterator[None]:
+    def deferred(self) -> AbstractContextManager[None]:
         """Passes the items recorded within the block to the thread at its end, so that the thread does not work while a
         frame is processed."""
-        with self._ready:
-            self._deferring = True
-        try:
-            yield
-        finally:
-            with self._ready:
-                self._deferring = False
-                self._hand_over()
+        return self._queue.deferred()
 
     def _enqueue(self, write: _Write, size: int, count: int = 1) -> None:
         """count: number of messages, for the count of dropped ones."""
-        with self._ready:
+        with self._queue.lock:
             if not self._accepting:
                 # nothing is dropped while recording is off, or before the first camera
                 self._dropped += count if self._start_wanted and self._started_once else 0
@@ -228,43 +205,19 @@ class Recorder:
                 self._start_wanted = True
 
     def _append(self, item: _Item, size: int, count: int = 1) -> bool:
-        """Adds an item to the queue; False: the queue is full. The lock is held."""
-        waiting = len(self._queue) + len(self._deferred)
-        waiting_bytes = self._queued_bytes + self._deferred_bytes + size
-        full = waiting >= self._params.queue_items or waiting_bytes > self._params.queue_mb * 1e6
-        if full and item is not None:
-            self._dropped += count
-            return False
-        self._deferred.append(item)
-        self._deferred_bytes += size
-        if not self._deferring:
-            self._hand_over()
-        return True
-
-    def _hand_over(self) -> None:
-        """Passes the items to the thread. Wakes it for a frame or for many samples; for few samples it wakes by itself.
-        The lock is held."""
-        self._queue.extend(self._deferred)
-        self._queued_bytes += self._deferred_bytes
-        self._deferred.clear()
-        self._deferred_bytes = 0
-        if self._wake_due:
-            self._ready.notify()
-
-    @property
-    def _wake_due(self) -> bool:
-        return self._queued_bytes >= _WAKE_BYTES or len(self._queue) >= _WAKE_ITEMS
+        """Adds an item to the queue; False: the queue is full. The end of a file is always added. The lock is held."""
+        if self._queue.add(item, size, always=item is None):
+            return True
+        self._dropped += count
+        return False
 
     def close(self) -> None:
         """Writes the queued items, finishes the file and ends; on a disk that does not respond the file stays .active. May be
         called twice."""
-        with self._ready:
-            self._hand_over()
-            self._stop = True
-            self._ready.notify()
+        self._queue.stop()
         until_ns = time.monotonic_ns() + CLOSE_NS
         while self._thread.is_alive() and self._stalled_ns() < STALLED_NS and time.monotonic_ns() < until_ns:
-            self._thread.join(_IDLE_S)
+            self._thread.join(IDLE_S)
 
     # ---- the thread ---------------------------------------------------------------------------------------------------
 
@@ -275,7 +228,7 @@ class Recorder:
         repair_ns = time.monotonic_ns() + REPAIR_AFTER_NS
         fault = ""
         try:
-            while (queued := self._next_items()) is not None:
+            while (queued := self._queue.take()) is not None:
                 if not prepared:
                     fault = self._prepare(current.flight)
                     prepared = not fault
@@ -321,7 +274,7 @@ class Recorder:
         except (OSError, ValueError) as error:
             fault = f"recording stopped: {_cause(error, self._folder)}"
             current.abandon()
-            with self._ready:
+            with self._queue.lock:
                 # a removed file may be replaced at once
                 wait_ns = 0 if isinstance(error, LogRemovedError) else RETRY_NS
                 self._not_before_ns = time.monotonic_ns() + wait_ns
@@ -330,7 +283,7 @@ class Recorder:
         return fault
 
     def _update_status(self, current: CurrentLog, fault: str) -> None:
-        with self._ready:
+        with self._queue.lock:
             if current.wants_successor and self._accepting:
                 self._start_wanted = True
             self._status = RecordStatus(
@@ -342,19 +295,6 @@ class Recorder:
                 repairing=self._repairs.repairing,
                 alive_ns=time.monotonic_ns(),
             )
-
-    def _next_items(self) -> tuple[list[_Item], int] | None:
-        """The queued items and their bytes, after a short wait; None at the end."""
-        with self._ready:
-            idle = not self._stop and not self._wake_due
-            if idle and self._ready.wait(_IDLE_S) and not self._stop:
-                self._ready.wait(_AFTER_S)
-            if not self._queue and self._stop:
-                return None
-            items, size = list(self._queue), self._queued_bytes
-            self._queue.clear()
-            self._queued_bytes = 0
-            return items, size
 
 
 def _cause(error: Exception, folder: Path) -> str:

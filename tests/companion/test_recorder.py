@@ -24,6 +24,7 @@ from companion.config.camera import OutputConfig
 from companion.config.loader import Config
 from companion.config.service import RecordParams
 from companion.log import current_file as log_current
+from companion.log import record_queue
 from companion.log import recorder as recorder_module
 from companion.log.current_file import Begin, CurrentLog
 from companion.log.log_directory import files_of, make_room, new_flight, part_path, recovering_files
@@ -200,15 +201,15 @@ def test_subscribers_are_served_first_and_closing_does_not_wait(
     source = flight(1.0)
     pipeline = make_pipeline(Config(), source.cameras)
     frames = [e for e in source.events() if isinstance(e, DepthFrame)][:3]
-    monkeypatch.setattr(recorder_module, "_AFTER_S", 3600.0)
-    monkeypatch.setattr(recorder_module, "_WAKE_BYTES", frames[0].depth_mm.nbytes)
+    monkeypatch.setattr(record_queue, "_AFTER_S", 3600.0)
+    monkeypatch.setattr(record_queue, "_WAKE_BYTES", frames[0].depth_mm.nbytes)
     recorder = Recorder(tmp_path, run_info("live"), SMALL)
     recorder.open()
     recorder.begin(frames[0].t_arrival_ns, pipeline.cameras, pipeline.state())
     assert until(lambda: recorder.status.recording)  # a few bytes neither wake the thread nor wait for it
-    waits, wait = [], recorder._ready.wait
-    monkeypatch.setattr(recorder._ready, "wait", lambda seconds: (waits.append(seconds), wait(seconds))[1])
-    monkeypatch.setattr(recorder_module, "_IDLE_S", 3600.0)
+    waits, wait = [], recorder._queue.lock.wait
+    monkeypatch.setattr(recorder._queue.lock, "wait", lambda seconds: (waits.append(seconds), wait(seconds))[1])
+    monkeypatch.setattr(record_queue, "IDLE_S", 3600.0)
     assert until(lambda: 3600.0 in waits)  # the wait at hand is over, and one that only a frame ends has begun
     recorder.event(frames[0])
     assert not until(lambda: recorder.status.queued == 0, 0.5)

@@ -218,7 +218,7 @@ def test_the_service_ends_when_the_supervision_of_a_camera_does(
 
 def of_recorder(service: Service) -> None:
     assert service.parts.recorder is not None
-    service.parts.recorder._next_items = broken  # type: ignore[method-assign]
+    service.parts.recorder._queue.take = broken  # type: ignore[method-assign]
 
 
 def of_world(service: Service) -> None:
