@@ -45,10 +45,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         discard_stdout()
         return 1
     except KeyboardInterrupt as interrupt:
-        if sys.stderr.isatty():
-            sys.stderr.write("\n")  # the prompt of the shell would follow ^C on its line
-        if text := str(interrupt):  # of a command that says what was done
-            fail(text)
+        _print_interrupted(interrupt)
         return _INTERRUPTED
     except ModuleNotFoundError as error:
         if error.name is None or error.name.partition(".")[0] in _OWN:
@@ -64,6 +61,13 @@ def main(argv: Sequence[str] | None = None) -> int:
             raise
         fail(text)
         return 1
+
+
+def _print_interrupted(interrupt: KeyboardInterrupt) -> None:
+    if sys.stderr.isatty():
+        sys.stderr.write("\n")  # the prompt of the shell would follow ^C on its line
+    if text := str(interrupt):  # of a command that says what was done
+        fail(text)
 
 
 def _mistake_of_command(words: Sequence[str]) -> str:

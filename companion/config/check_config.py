@@ -50,10 +50,15 @@ def run(args: argparse.Namespace) -> int:
         )
     for text in refused:
         fail(f"{args.file}: {text}")
-    if args.json or refused:
-        return 1 if refused else 0
+    if not args.json and not refused:
+        _print_usable(args.file, config, found)
+    return 1 if refused else 0
+
+
+def _print_usable(path: Path, config: Config, found: list[Difference]) -> None:
+    """Prints what the configuration is good for, the ranges of its cameras, and the keys that it changes."""
     lacks = lacks_for_run(config)
-    print_line(f"{args.file}: usable{' for `companion replay`' if lacks else ''}")
+    print_line(f"{path}: usable{' for `companion replay`' if lacks else ''}")
     if lacks:
         print_line(f"  for `companion run` it lacks {' and '.join(lacks)}; `companion setup` writes a complete one")
     cameras = ", ".join(f"{c.name} ({c.kind})" for c in config.cameras) or "none (every camera as recorded)"
@@ -68,7 +73,6 @@ def run(args: argparse.Namespace) -> int:
         print_line(f"  {'safety key: ' if difference.safety else ''}{difference.text()}")
     if not found:
         print_line("  all parameters have their defaults")
-    return 0
 
 
 def lacks_for_run(config: Config) -> list[str]:
