@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from benchmarks.sharing.delays import Confirmed, Received
 from benchmarks.sharing.flights import HZ, Seen
 from companion.config.share import ShareConfig
-from companion.share.thread import Sharing
+from companion.share.output import SharingOutput
+from companion.share.thread import OwnVehicle, Sharing
 from companion.streams.publication import PublicationStamps
 from core.sharing.obstacles import SharedObstacles
 from core.sharing.packet_codec import decoded
@@ -91,13 +92,9 @@ def fly(task: Task, out: Connection) -> None:
     signing, outcome = Signing(SigningKey(KEY), SigningClock()), Outcome(task.number)
     sharing = Sharing(
         config,
-        0.4,
+        OwnVehicle(lambda: task.number, 1_700_000_000, 0.4),
         lambda deliver: [TunnelLine(parse_address(config.tunnel), COMPONENT, outcome.noting(deliver), signing)],
-        1_700_000_000,
-        lambda: task.number,
-        None,
-        PublicationStamps(""),
-        lambda key, message, t_ns: None,
+        SharingOutput(None, PublicationStamps(""), lambda key, message, t_ns: None),
     )
     world, warm = World(), World()
     for k, seen in enumerate(frames[:2]):

@@ -35,7 +35,8 @@ from ..streams.curve_auth import ServerKeys
 from ..streams.publication import PublicationStamps
 from ..streams.publisher import Publisher, Stream
 from .autopilot_tunnel import AutopilotTunnel
-from .thread import Sharing
+from .output import SharingOutput
+from .thread import OwnVehicle, Sharing
 
 NS: Final = 1_000_000_000
 GPS_GLOBAL_ORIGIN: Final = 49
@@ -82,16 +83,8 @@ class ShareService:
         share, address = self._config.share, self._config.publish.address("neighbours", self._folders.run)
         publisher = Publisher(Stream("neighbours", address), context, keys) if address else None
         try:
-            self.sharing = Sharing(
-                share,
-                self._config.avoid.radius_m,
-                self._links,
-                stream_of(time.time_ns()),
-                self._vehicle,
-                publisher,
-                self._stamps,
-                self._log,
-            )
+            own = OwnVehicle(self._vehicle, stream_of(time.time_ns()), self._config.avoid.radius_m)
+            self.sharing = Sharing(share, own, self._links, SharingOutput(publisher, self._stamps, self._log))
         except BaseException:
             if publisher is not None:
                 publisher.close()

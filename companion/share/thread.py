@@ -6,7 +6,7 @@ import threading
 import time
 from collections import Counter, deque
 from collections.abc import Callable, Iterable, Sequence
-from typing import Final
+from typing import Final, NamedTuple
 
 from core.sharing.obstacles import SharedObstacles
 from core.sharing.records import SharedPlanes
@@ -20,15 +20,13 @@ from osape_client.proto import osape_v1_pb2 as pb
 from ..config.share import ShareConfig
 from ..diagnostic import Diagnostic, DiagnosticCode
 from ..pipeline.tracking import TracksResult
-from ..streams.publication import PublicationStamps
-from ..streams.publisher import Publisher
 from .link_health import LinkHealth
 from .messages import neighbour_messages, obstacles_message, packet_message
+from .output import SharingOutput
 from .own_motion import OwnMotion
 from .own_movers import OwnMovers
 from .own_planes import OwnPlanes, own_planes
 from .packet_rate import PacketRate
-from .record_limit import Log, RecordLimit
 from .team import Team
 
 NS: Final = 1_000_000_000
@@ -45,6 +43,14 @@ MOST_WAITING: Final = 512
 """Packets; beyond it the oldest are dropped."""
 
 
+class OwnVehicle(NamedTuple):
+    """The own vehicle, as other vehicles know it."""
+
+    number: Callable[[], int]  # returns its number; 0: not known yet, then nothing is exchanged
+    stream: int  # of its packets, another one after each start
+    radius_m: float  # of its hull
+
+
 def is_due(published_ns: int, now_ns: int, *, has_new: bool) -> bool:
     """True if the obstacles are to be published now. has_new: a packet was accepted since they were published."""
     return now_ns - published_ns >= (SOON_NS if has_new else PUBLISH_NS)
@@ -53,22 +59,16 @@ def is_due(published_ns: int, now_ns: int, *, has_new: bool) -> bool:
 class Sharing:
     """Exchanges obstacles with other vehicles, in a thread.
 
-    links: makes the links, which deliver to the given callable. log: see RecordLimit. vehicle: own number; 0: not known yet, then nothing is exchanged."""
+    links: makes the links, which deliver to the given callable. output: closed at the end."""
 
     def __init__(
         self,
         config: ShareConfig,
-        radius_m: float,
+        own: OwnVehicle,
         links: Callable[[Deliver], Sequence[TeamLink]],
-        stream: int,
-        vehicle: Callable[[], int],
-        publisher: Publisher | None,
-        stamps: PublicationStamps,
-        log: Log,
+        output: SharingOutput,
     ) -> None:
-        self._config, self._radius_m, self._stream = config, radius_m, stream
-        self._vehicle, self._publisher, self._stamps = vehicle, publisher, stamps
-        self._limit = RecordLimit(log)
+        self._config, self._own, self._output = config, own, output
         self._packets: deque[ReceivedPacket] = deque(maxlen=MOST_WAITING)
         self._rate = PacketRate(config.member_numbers())
         self.links = tuple(links(self._arrived))
@@ -135,8 +135,7 @@ class Sharing:
             self._thread.join(5.0)
         for link in self.links:
             link.close()
-        if self._publisher is not None:
-            self._publisher.close()
+        self._output.close()
 
     @property
     def health(self) -> pb.TeamHealth:
@@ -208,7 +207,7 @@ class Sharing:
             self._packets.append(packet)
 
     def _found_team(self) -> bool:
-        vehicle = self._config.vehicle or self._vehicle()
+        vehicle = self._config.vehicle or self._own.number()
         if not 0 < vehicle < 256:
             self._packets.clear()
             return False
@@ -223,7 +222,7 @@ class Sharing:
             )
             for link in self.links
         }
-        self._team = Team(c, vehicle, self._stream, self._begun_ns, self._radius_m, budgets)
+        self._team = Team(c, vehicle, self._own.stream, self._begun_ns, self._own.radius_m, budgets)
         return True
 
     def _update(self, team: Team, now_ns: int) -> None:
@@ -244,7 +243,7 @@ class Sharing:
             for link in self.links:
                 if link.name == packet.transport:
                     link.confirm(packet)
-            self._limit.record("team", packet_message(packet, code), packet.arrival_ns)
+            self._output.record("team", packet_message(packet, code), packet.arrival_ns)
 
     def _send(self, team: Team, now_ns: int) -> None:
         """Sends what is due, and records it."""
@@ -255,23 +254,19 @@ class Sharing:
                 link.send(some, team.vehicle)
             for data in some:
                 message = pb.TeamPacket(transport=link.name, data=data, sent=True, sender=team.vehicle)
-                self._limit.record("team", message, now_ns)
+                self._output.record("team", message, now_ns)
 
     def _publish(self, section: int, now_ns: int) -> None:
-        """Publishes the obstacles, and records them once a second. A recorded message is serialised later, in the recorder's
-        thread: nothing may change it afterwards."""
+        """Publishes the obstacles, and records them once a second."""
         message = obstacles_message(self._obstacles, section)
-        if self._publisher is not None:
-            age_ns = time.monotonic_ns() - self._obstacles.now_ns
-            message.publication.CopyFrom(self._stamps.stamp(self._publisher.published, age_ns))
-            self._publisher.publish(message)
+        self._output.publish(message, time.monotonic_ns() - self._obstacles.now_ns)
         if now_ns >= self._next_log_ns:
             self._next_log_ns = now_ns + LOG_NS
-            self._limit.record("neighbours", message, now_ns)
+            self._output.record("neighbours", message, now_ns)
 
     def _received(self, team: Team) -> dict[str, int]:
         """Packets by code, with the messages that the links have refused."""
-        counts = team.map.counts + self._rate.dropped + Counter(unrecorded=self._limit.unrecorded)
+        counts = team.map.counts + self._rate.dropped + Counter(unrecorded=self._output.unrecorded)
         for link in self.links:
             counts.update(link.refused)
         return dict(sorted(counts.items()))

@@ -9,8 +9,9 @@ from typing import cast
 from companion.config.share import ShareConfig
 from companion.diagnostic import DiagnosticCode
 from companion.pipeline.tracking import TracksResult
+from companion.share.output import SharingOutput
 from companion.share.packet_rate import ALL_BURST, BURST, PacketRate
-from companion.share.thread import Sharing
+from companion.share.thread import OwnVehicle, Sharing
 from companion.streams.publication import PublicationStamps
 from drivers.sharing.link import ReceivedPacket
 
@@ -37,13 +38,9 @@ def test_a_flood_on_one_link_leaves_room_for_the_same_sender_on_another() -> Non
 def sharing(vehicle: int, origin: str) -> Sharing:
     return Sharing(
         ShareConfig(origin=origin),
-        0.4,
+        OwnVehicle(lambda: vehicle, 1, 0.4),
         lambda deliver: [MemoryLink(deliver)],
-        1,
-        lambda: vehicle,
-        None,
-        PublicationStamps(""),
-        lambda *_: None,
+        SharingOutput(None, PublicationStamps(""), lambda *_: None),
     )
 
 

@@ -17,11 +17,12 @@ from companion.autopilot.session_factory import params_of
 from companion.config.loader import ConfigError, config_of
 from companion.config.share import ShareConfig
 from companion.live.status import status_lines
+from companion.share.output import SharingOutput
 from companion.share.own_motion import Motion
 from companion.share.own_planes import OwnPlanes
 from companion.share.packet_rate import PacketRate
 from companion.share.team import ALIGN_PLANES, NS, Team
-from companion.share.thread import Sharing
+from companion.share.thread import OwnVehicle, Sharing
 from companion.streams.publication import PublicationStamps
 from companion.streams.publisher import Publisher, Stream
 from core.sharing.neighbour import Neighbour
@@ -402,9 +403,8 @@ def test_the_recorded_obstacles_are_those_that_were_published(tmp_path: Path) ->
         publisher = Publisher(Stream("neighbours", f"ipc://{tmp_path}/neighbours"), context)
         try:
             config = ShareConfig(origin="47.4, 8.5, 400", vehicle=3)
-            sharing = Sharing(
-                config, 0.4, lambda deliver: (), 1, lambda: 3, publisher, PublicationStamps("boot"), record
-            )
+            output = SharingOutput(publisher, PublicationStamps("boot"), record)
+            sharing = Sharing(config, OwnVehicle(lambda: 3, 1, 0.4), lambda deliver: (), output)
             sharing.step(10 * NS)
         finally:
             publisher.close()

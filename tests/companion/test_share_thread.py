@@ -13,10 +13,11 @@ import pytest
 import companion.share.thread as thread_module
 from companion.config.share import ShareConfig
 from companion.pipeline.tracking import TracksResult
+from companion.share.output import SharingOutput
 from companion.share.own_motion import OwnMotion
 from companion.share.own_planes import OwnPlanes
 from companion.share.record_limit import MOST_LOGGED_PER_S
-from companion.share.thread import SAME_NUMBER_NS, Sharing
+from companion.share.thread import SAME_NUMBER_NS, OwnVehicle, Sharing
 from companion.streams.publication import PublicationStamps
 from core.frames import quaternion_from_euler
 from core.sharing.neighbour_map import NeighbourMap, OwnState
@@ -74,13 +75,9 @@ class Made:
 
         self.sharing = Sharing(
             ShareConfig(vehicle=1, origin="47.0, 8.0, 400"),
-            0.4,
+            OwnVehicle(lambda: 1, 1_700_000_000, 0.4),
             make,
-            1_700_000_000,
-            lambda: 1,
-            None,
-            PublicationStamps("boot"),
-            lambda *record: self.recorded.append(record),
+            SharingOutput(None, PublicationStamps("boot"), lambda *record: self.recorded.append(record)),
         )
         (self.link,) = links
 
