@@ -66,6 +66,21 @@ def add_parser(subparsers: Any) -> None:
         metavar="ADDRESS",
         help="address as in [autopilot] address (default: searched for); none: no autopilot",
     )
+    _add_vehicle(parser)
+    parser.add_argument(
+        "--calibration", metavar="FILE", default="", help="of a ZED: its calibration file SN<serial>.conf"
+    )
+    parser.add_argument("--send", action="store_true", help="send obstacles to the autopilot (default: off)")
+    parser.add_argument(
+        "--record",
+        choices=("always", "armed", "off"),
+        help="when to record a log (default: always; with a simulated camera off)",
+    )
+    parser.add_argument("--no-doctor", action="store_true", help="do not check all parts at the end")
+
+
+def _add_vehicle(parser: argparse.ArgumentParser) -> None:
+    """The mount of the camera, and the size of the vehicle."""
     parser.add_argument(
         "--pitch",
         type=number_in(float, *PITCH_DEG),
@@ -97,16 +112,6 @@ def add_parser(subparsers: Any) -> None:
         metavar="M",
         help="height of the vehicle in metres (default: 0.5)",
     )
-    parser.add_argument(
-        "--calibration", metavar="FILE", default="", help="of a ZED: its calibration file SN<serial>.conf"
-    )
-    parser.add_argument("--send", action="store_true", help="send obstacles to the autopilot (default: off)")
-    parser.add_argument(
-        "--record",
-        choices=("always", "armed", "off"),
-        help="when to record a log (default: always; with a simulated camera off)",
-    )
-    parser.add_argument("--no-doctor", action="store_true", help="do not check all parts at the end")
 
 
 def run(args: argparse.Namespace) -> int:
