@@ -10,7 +10,7 @@ from .failsafe import AutopilotNow
 from .firmware_version import VersionReader
 from .landed import LandedState
 from .last_values import LastValues, LastValuesFile
-from .parameter_advice import AutopilotFacts
+from .parameter_fault import AutopilotFacts
 from .parameters import WANTED, ParameterReader
 
 

@@ -13,9 +13,11 @@ from numpy.typing import NDArray
 from drivers.mavlink.ardupilot_faces import FACES, face_of
 from drivers.mavlink.session_types import ARDUPILOT, PX4, Vehicle
 
+from .ardupilot_advice import MAVLINK_SENSOR
 from .obstacle_distance import BODY_FRD, UNKNOWN
-from .parameter_advice import MAVLINK_SENSOR, AutopilotFacts, position_mode_fault
+from .parameter_fault import AutopilotFacts
 from .polar_histogram import SECTORS
+from .px4_advice import position_mode_fault
 
 NS = 1_000_000_000
 PATIENCE_NS = 5 * NS

@@ -13,7 +13,8 @@ from drivers.mavlink.commands import PX4_AUTO, px4_main_and_sub
 from drivers.mavlink.session_types import ARDUPILOT, PX4, Vehicle
 
 from .firmware_version import PX4_ACCELERATION_MODE
-from .parameter_advice import AutopilotFacts, position_mode_fault
+from .parameter_fault import AutopilotFacts
+from .px4_advice import position_mode_fault
 
 
 class Effect(StrEnum):

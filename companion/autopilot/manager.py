@@ -34,7 +34,9 @@ from .last_values import LastValuesFile
 from .line import AutopilotLine
 from .obstacle_distance import clear_cm
 from .obstacle_report import ObstacleReport, SeenCameras
-from .parameter_advice import AutopilotFacts, advice, delay_advice, position_mode_fault
+from .parameter_advice import advice
+from .parameter_fault import AutopilotFacts
+from .px4_advice import delay_advice, position_mode_fault
 from .report_builder import ObstacleReportBuilder
 from .sector_view import SectorView
 from .sender import ObstacleSender

@@ -20,7 +20,8 @@ from drivers.mavlink.session_types import PX4
 from ..config.loader import Config
 from ..paths import folders
 from .firmware_version import VersionReader
-from .parameter_advice import AutopilotFacts, parameter_faults
+from .parameter_advice import parameter_faults
+from .parameter_fault import AutopilotFacts
 from .parameters import ParameterReader, param_value_of, value_of
 from .restart_pending import TEXT as RESTART_TEXT
 from .session_factory import params_of, signing_of

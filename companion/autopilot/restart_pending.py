@@ -10,7 +10,7 @@ from typing import Any, Final
 from drivers.mavlink.commands import request_message
 from drivers.mavlink.session_types import ARDUPILOT
 
-from .parameter_advice import AutopilotFacts
+from .parameter_fault import AutopilotFacts
 
 NS: Final = 1_000_000_000
 SYS_STATUS: Final = 1

@@ -16,7 +16,8 @@ from drivers.mavlink.session_types import ARDUPILOT, PX4, LinkStatus, Vehicle
 from ..autopilot.clock_note import LARGE_BOUND_NS
 from ..autopilot.conflict_codes import conflict_diagnostics
 from ..autopilot.firmware_version import VersionReader
-from ..autopilot.parameter_advice import AutopilotFacts, advice
+from ..autopilot.parameter_advice import advice
+from ..autopilot.parameter_fault import AutopilotFacts
 from ..autopilot.parameters import ParameterReader
 from ..autopilot.restart_pending import TEXT as RESTART_TEXT
 from ..autopilot.restart_pending import ProximityPresence

@@ -14,7 +14,7 @@ from typing import Final
 
 from drivers.mavlink.session_types import ARDUPILOT, PX4
 
-from ..autopilot.parameter_advice import AutopilotFacts
+from ..autopilot.parameter_fault import AutopilotFacts
 from ..config.guard import GuardParams
 
 PX4_YAW_FIRST: Final = 4

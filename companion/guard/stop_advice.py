@@ -9,7 +9,7 @@ from typing import Final
 
 from drivers.mavlink.session_types import ARDUPILOT
 
-from ..autopilot.parameter_advice import AutopilotFacts
+from ..autopilot.parameter_fault import AutopilotFacts
 
 _LOITER_BIT, _BRAKE_BIT = 1 << 5, 1 << 12
 _WITHOUT: Final = {

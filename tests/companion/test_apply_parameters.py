@@ -15,7 +15,8 @@ import pytest
 import companion
 import drivers
 from companion.autopilot.firmware_version import FirmwareVersion
-from companion.autopilot.parameter_advice import AutopilotFacts, advice
+from companion.autopilot.parameter_advice import advice
+from companion.autopilot.parameter_fault import AutopilotFacts
 from companion.autopilot.parameter_writer import Change, apply, changes
 from companion.cli import main
 from companion.config.loader import Config, load_config

@@ -11,8 +11,10 @@ from companion.autopilot.feedback_check import PATIENCE_NS, EchoCheck, likely_ca
 from companion.autopilot.firmware_version import FirmwareVersion
 from companion.autopilot.flight_modes import PX4_POSITION, sends_obstacles_back
 from companion.autopilot.obstacle_distance import UNKNOWN, clear_cm, obstacle_distance_message
-from companion.autopilot.parameter_advice import AutopilotFacts, advice, delay_advice
+from companion.autopilot.parameter_advice import advice
+from companion.autopilot.parameter_fault import AutopilotFacts
 from companion.autopilot.parameters import ASK_AGAIN_NS, AT_ONCE, OPTIONAL, RENEW_NS, TRIES, WANTED, ParameterReader
+from companion.autopilot.px4_advice import delay_advice
 from companion.autopilot.status_text import MOST_CHARACTERS, StatusTexts, mount_note, shortened
 from companion.config.avoidance import AvoidParams
 from companion.pipeline.latency import LatencyStage

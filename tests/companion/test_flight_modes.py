@@ -16,7 +16,7 @@ from companion.autopilot.line import AutopilotLine
 from companion.autopilot.manager import Avoidance
 from companion.autopilot.obstacle_distance import UNKNOWN
 from companion.autopilot.obstacle_report import SeenCameras
-from companion.autopilot.parameter_advice import AutopilotFacts
+from companion.autopilot.parameter_fault import AutopilotFacts
 from companion.autopilot.status_text import MOST_CHARACTERS
 from companion.config.avoidance import AvoidParams
 from core.types import CameraInfo, CameraMount, Intrinsics

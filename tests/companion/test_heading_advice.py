@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from companion.autopilot.parameter_advice import AutopilotFacts
+from companion.autopilot.parameter_fault import AutopilotFacts
 from companion.autopilot.parameters import ParameterReader
 from companion.config.guard import GuardParams
 from companion.guard.heading_advice import heading_advice, look_all_around

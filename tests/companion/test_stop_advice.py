@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from companion.autopilot.parameter_advice import AutopilotFacts
+from companion.autopilot.parameter_fault import AutopilotFacts
 from companion.guard.stop_advice import stop_advice
 from drivers.mavlink.session_types import ARDUPILOT, PX4
 
