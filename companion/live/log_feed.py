@@ -14,10 +14,10 @@ from drivers.base import Event
 from drivers.mavlink.clock_sync import ClockEstimate, ClockSource
 
 from ..log.recorder import Recorder
-from ..pipeline.encode import state_message
 from ..pipeline.events import LogMessage, RawFrame, Sample, SupersededFrame
 from ..pipeline.pipeline import Pipeline
 from ..pipeline.results import Output
+from ..pipeline.state_messages import state_message
 from ..pipeline.tracking import TracksResult
 from .health import clock_message
 

@@ -19,9 +19,10 @@ from drivers.logs.codec import attitude_message, calibration_message, camera_mes
 from drivers.logs.topics import ENCODING, TOPICS, camera_name_fits
 from osape_client.proto import osape_v1_pb2 as pb
 
-from ..pipeline.encode import decision_message, prisms_bytes, state_message, wire_bytes
+from ..pipeline.encode import decision_message, prisms_bytes, wire_bytes
 from ..pipeline.results import FrameDecision, Output
 from ..pipeline.state import PipelineState
+from ..pipeline.state_messages import state_message
 from ..pipeline.tracking import TracksResult
 from .foxglove_scene import scene_message, transform_messages
 from .log_file import ACTIVE, CHUNK_BYTES, LIBRARY, finish_file, open_locked, refuse_output

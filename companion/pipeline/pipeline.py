@@ -17,6 +17,7 @@ from core.frames import level_cam_at, rotation_from_quaternion
 from core.invalid_model import invalid_model
 from core.open_sky_params import OpenSkyParams
 from core.self_check.mount_check import MountState, MountVerdict, checked, confirmed_by_ground, due
+from core.self_check.mount_cues import MountCues, cues_of
 from core.self_check.mount_params import MountCheckParams
 from core.tracking.params import TrackingParams
 from core.types import (
@@ -247,7 +248,10 @@ class Pipeline:
             after = dataclasses.replace(after, ground_height_m=state.extractor.ground_height_m)
         mount = state.mount
         if model.valid and due(mount, frame.t_exposure_ns, self._mount_check, attitude.tilt_rad_s):
-            mount = self._update_mount(frame, depth_mm, info, attitude, R_level_optical, camera_rad, model.ke_per_m)
+            cues = _mount_cues(depth_mm, info, R_level_optical, model.ke_per_m)
+            R_ned_frd = rotation_from_quaternion(attitude.q_ned_frd_wxyz)
+            t_ns, jump_ns = frame.t_exposure_ns, attitude.jump_ns
+            mount = checked(mount, t_ns, cues, R_ned_frd, camera_rad, self._mount_check, jump_ns)
         model = invalidate_if_mount_wrong(model, mount)
         if model.free.has_open and not self._mount_supports_open(frame.camera, mount, attitude, camera_rad):
             model = without_open(model)
@@ -264,32 +268,6 @@ class Pipeline:
             pose=pose,
             transform=transform,
             mount=mount,
-        )
-
-    def _update_mount(
-        self,
-        frame: DepthFrame,
-        depth_mm: NDArray[np.uint16],
-        info: CameraInfo,
-        attitude: AttitudeAt,
-        R_level_optical: NDArray[np.float64],
-        camera_rad: float,
-        ke_per_m: float,
-    ) -> MountState:
-        """The state of the mount check after this frame. camera_rad: heading of the camera."""
-        # imported late: compiled code, which commands that only read results do not need
-        from core.self_check.mount_cues import cues_of
-        from core.self_check.surfaces import find_surfaces
-
-        cues = cues_of(find_surfaces(depth_mm, info, R_level_optical, ke_per_m))
-        return checked(
-            self._states[frame.camera].mount,
-            frame.t_exposure_ns,
-            cues,
-            rotation_from_quaternion(attitude.q_ned_frd_wxyz),
-            camera_rad,
-            self._mount_check,
-            attitude.jump_ns,
         )
 
     def _mount_supports_open(self, camera: str, mount: MountState, attitude: AttitudeAt, camera_rad: float) -> bool:
@@ -325,6 +303,17 @@ class Pipeline:
             model=None,
         )
         return decision, blind
+
+
+def _mount_cues(
+    depth_mm: NDArray[np.uint16], info: CameraInfo, R_level_optical: NDArray[np.float64], ke_per_m: float
+) -> MountCues:
+    """What the frame shows of the mount."""
+    from core.self_check.surfaces import (
+        find_surfaces,
+    )  # late: compiled code, which commands that only read results do not need
+
+    return cues_of(find_surfaces(depth_mm, info, R_level_optical, ke_per_m))
 
 
 def without_open(model: FrameModel) -> FrameModel:

@@ -7,11 +7,8 @@ none."""
 from __future__ import annotations
 
 import math
-from bisect import bisect_left
-from collections import Counter
 from dataclasses import dataclass, field, replace
 from enum import IntEnum
-from typing import Generic, Protocol, TypeVar
 
 from core.codes import Code
 from core.types import AttitudeSample, PoseSample
@@ -20,6 +17,7 @@ from ..config.sync import SyncParams
 from .heading_jumps import HeadingJumps, Jumps
 from .position_sections import NO_SECTION, PositionSections, Section
 from .quaternion import Quaternion, Vector, plausible_rates, rates_between, rotate_by_rates, slerp, tilt_rate
+from .sample_buffer import SampleBuffer, nearest_of
 
 NS = 1_000_000_000
 MAX_DISTANCE_M = 100_000.0
@@ -78,74 +76,6 @@ class PoseAt:
     distance_ns: int
     reset_counter: int
     section: Section = field(default=NO_SECTION, compare=False)  # see PositionSections; not in the messages
-
-
-class _Stamped(Protocol):
-    @property
-    def t_ns(self) -> int: ...
-
-
-S = TypeVar("S", bound=_Stamped)
-
-
-class SampleBuffer(Generic[S]):
-    """The newest samples ordered by stamp. `counts`: numbers of duplicates, samples out of order and restarts."""
-
-    def __init__(self, held: int, restart_step_s: float) -> None:
-        self._held = held
-        self._restart_ns = round(restart_step_s * NS)
-        self._stamps: list[int] = []
-        self._samples: list[S] = []
-        self.counts: Counter[str] = Counter()
-
-    def __len__(self) -> int:
-        return len(self._samples)
-
-    @property
-    def samples(self) -> tuple[S, ...]:
-        """The stored samples by stamp."""
-        return tuple(self._samples)
-
-    @property
-    def newest(self) -> S | None:
-        """The stored sample with the newest stamp."""
-        return self._samples[-1] if self._samples else None
-
-    @property
-    def newest_ns(self) -> int | None:
-        """The newest stored stamp."""
-        return self._stamps[-1] if self._stamps else None
-
-    def add(self, sample: S, since_ns: int = 0) -> None:
-        """Adds a sample. A stamp far before the newest one means that the sender restarted: all stored samples are
-        discarded. Of two samples with the same stamp the first is kept. A late one with a stamp before since_ns is not."""
-        if self._stamps and sample.t_ns <= self._stamps[-1] - self._restart_ns:
-            self.counts["restarts"] += 1
-            self._stamps.clear()
-            self._samples.clear()
-        i = bisect_left(self._stamps, sample.t_ns)
-        if i < len(self._stamps):
-            anomaly = "duplicates" if self._stamps[i] == sample.t_ns else "out_of_order"
-            self.counts[anomaly] += 1
-            if anomaly == "duplicates" or sample.t_ns < since_ns:
-                return
-        self._stamps.insert(i, sample.t_ns)
-        self._samples.insert(i, sample)
-        if len(self._samples) > self._held:
-            del self._stamps[0], self._samples[0]
-
-    def around(self, t_ns: int) -> tuple[S | None, S | None]:
-        """(newest sample at or before t_ns, oldest at or after it); both are the same sample at an exact stamp."""
-        i = bisect_left(self._stamps, t_ns)
-        after = self._samples[i] if i < len(self._samples) else None
-        if after is not None and after.t_ns == t_ns:
-            return after, after
-        return (self._samples[i - 1] if i else None), after
-
-    def before(self, sample: S) -> S | None:
-        """The stored sample just before this one."""
-        i = bisect_left(self._stamps, sample.t_ns)
-        return self._samples[i - 1] if i else None
 
 
 class Synchroniser:
@@ -216,7 +146,7 @@ class Synchroniser:
     def _extrapolated(
         self, t_ns: int, before: AttitudeSample | None, after: AttitudeSample | None
     ) -> AttitudeAt | DropCause:
-        nearest = _nearest(t_ns, before, after)
+        nearest = nearest_of(t_ns, before, after)
         distance_ns = abs(t_ns - nearest.t_ns)
         if distance_ns > self.params.max_extrapolation_s * NS:
             if before is None:
@@ -294,7 +224,7 @@ class Synchroniser:
                 between = _interpolated(before.position_ned_m, after.position_ned_m, share)
                 distance_ns = min(t_ns - before.t_ns, after.t_ns - t_ns)
                 return PoseAt(between, Source.INTERPOLATED, distance_ns, after.reset_counter, section)
-        nearest = _nearest(t_ns, before, after)
+        nearest = nearest_of(t_ns, before, after)
         distance_ns = abs(t_ns - nearest.t_ns)
         if nearest.velocity_ned_m_s is None:
             return "no position near the exposure and no velocity to carry one there"
@@ -306,15 +236,6 @@ class Synchroniser:
         moved = (px + vx * dt_s, py + vy * dt_s, pz + vz * dt_s)
         section = self.sections.at(nearest.t_ns)
         return PoseAt(moved, Source.EXTRAPOLATED, distance_ns, nearest.reset_counter, section)
-
-
-def _nearest(t_ns: int, before: S | None, after: S | None) -> S:
-    """The nearer of two samples, at least one of which exists; the earlier one where both are equally near."""
-    if before is None or (after is not None and after.t_ns - t_ns < t_ns - before.t_ns):
-        if after is None:
-            raise ValueError("there is neither a sample before nor one after")
-        return after
-    return before
 
 
 def _interpolated(a: Vector, b: Vector, share: float) -> Vector:

@@ -9,8 +9,8 @@ from drivers.logs.reader import McapRecording
 from drivers.logs.topics import TOPICS
 from osape_client.proto import osape_v1_pb2 as pb
 
-from ..pipeline.encode import state_from_message
 from ..pipeline.state import PipelineState
+from ..pipeline.state_messages import state_from_message
 from .compare import Key, key_of
 
 

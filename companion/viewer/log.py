@@ -16,8 +16,9 @@ from drivers.base import BadData, Event
 from drivers.logs.reader import LoggedMessage, McapRecording
 from osape_client.proto import osape_v1_pb2 as pb
 
-from ..pipeline.encode import prisms_from_message, state_from_message
+from ..pipeline.encode import prisms_from_message
 from ..pipeline.results import PrismsResult
+from ..pipeline.state_messages import state_from_message
 from ..pipeline.transform import transform_model
 from .autopilot_view import autopilot_data
 from .frame import FrameStatus, ViewFrame

@@ -16,6 +16,7 @@ from companion.pipeline.pipeline import Pipeline
 from companion.pipeline.quaternion import product
 from companion.pipeline.results import FrameDecision, PrismsResult
 from companion.pipeline.state import CameraState, PipelineState
+from companion.pipeline.state_messages import state_from_message, state_message
 from companion.pipeline.sync import AttitudeAt, DropCause, PoseAt, Source
 from core.frames import rotation_frd_optical, rotation_from_quaternion
 from core.types import ExtractorState, FrameStats, InvalidCause
@@ -186,8 +187,8 @@ def test_a_state_returns_unchanged():
     )
     state = PipelineState(cameras, (attitude(0), attitude(20)), (pose(5),))
     # by their texts: since Python 3.13 dataclasses with NaN in a field are not equal
-    assert repr(m.state_from_message(wired(m.state_message(state)))) == repr(state)
-    fresh = m.state_from_message(m.state_message(PipelineState((("c", CameraState()),)))).cameras[0][1]
+    assert repr(state_from_message(wired(state_message(state)))) == repr(state)
+    fresh = state_from_message(state_message(PipelineState((("c", CameraState()),)))).cameras[0][1]
     assert math.isnan(fresh.extractor.ground_height_m)
     assert fresh.last_t_exposure_ns is None
 

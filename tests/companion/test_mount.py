@@ -12,7 +12,7 @@ from companion.cameras.supervisor import CameraCondition, CameraStatus
 from companion.diagnostic import DiagnosticCode
 from companion.live.health import CameraView, camera_message
 from companion.live.status import status_lines
-from companion.pipeline.encode import prisms_from_message, prisms_message, state_from_message, state_message
+from companion.pipeline.encode import prisms_from_message, prisms_message
 from companion.pipeline.mount_messages import (
     mount_diagnostic,
     mount_health,
@@ -23,6 +23,7 @@ from companion.pipeline.mount_messages import (
 from companion.pipeline.pipeline import Pipeline
 from companion.pipeline.results import Output, PrismsResult
 from companion.pipeline.state import CameraState, PipelineState
+from companion.pipeline.state_messages import state_from_message, state_message
 from companion.self_check.mount_watch import MountWatch
 from core.extractor import Extractor
 from core.frames import quaternion_from_euler, rotation_from_euler

@@ -13,10 +13,10 @@ from companion.config.loader import ConfigError, config_of
 from companion.diagnostic import DiagnosticCode
 from companion.doctor.camera_check import frames_finding
 from companion.importers.depth_summary import DepthTally
-from companion.pipeline.encode import state_from_message, state_message
 from companion.pipeline.pipeline import Pipeline
 from companion.pipeline.results import PrismsResult
 from companion.pipeline.state import CameraState, PipelineState
+from companion.pipeline.state_messages import state_from_message, state_message
 from companion.viewer.colors import UNKNOWN_INDEX, depth_index
 from companion.viewer.rerun_file import measured_mm as viewer_mm
 from core.extractor import Extractor

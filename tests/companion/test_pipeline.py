@@ -7,9 +7,9 @@ import dataclasses
 import numpy as np
 import pytest
 
-from companion.pipeline.encode import state_from_message, state_message
 from companion.pipeline.pipeline import Pipeline
 from companion.pipeline.results import FrameDecision, PrismsResult
+from companion.pipeline.state_messages import state_from_message, state_message
 from companion.pipeline.sync import DropCause, PoseAt, Source
 from companion.pipeline.transform import LevelTransform, seed_ground_height, transform_from_level_cam, transform_model
 from core.frames import (

@@ -19,8 +19,9 @@ from companion.error_text import error_text
 from companion.log.log_writer import LogWriter, schema_bytes, write_recording
 from companion.log.provenance import run_info
 from companion.pipeline.configured import make_pipeline
-from companion.pipeline.encode import prisms_message, state_from_message, wire_bytes
+from companion.pipeline.encode import prisms_message, wire_bytes
 from companion.pipeline.state import PipelineState
+from companion.pipeline.state_messages import state_from_message
 from companion.replay.compare import WAITING, Comparison, first_difference
 from companion.replay.replay import Options, replay
 from companion.replay.replay_report import replay_problems, report

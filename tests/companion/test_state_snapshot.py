@@ -10,10 +10,11 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
-from companion.pipeline.encode import prisms_bytes, state_from_message, state_message
+from companion.pipeline.encode import prisms_bytes
 from companion.pipeline.pipeline import Pipeline
 from companion.pipeline.results import PrismsResult
 from companion.pipeline.state import PipelineState
+from companion.pipeline.state_messages import state_from_message, state_message
 from core.frames import quaternion_from_euler
 from core.types import AttitudeSample, PoseSample
 from drivers.base import Event

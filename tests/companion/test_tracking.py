@@ -18,8 +18,9 @@ from companion.live.stream_output import StreamOutput
 from companion.log.log_writer import LogWriter, write_recording
 from companion.log.provenance import run_info
 from companion.pipeline.configured import make_pipeline
-from companion.pipeline.encode import state_from_message, state_message, wire_bytes
+from companion.pipeline.encode import wire_bytes
 from companion.pipeline.results import PrismsResult
+from companion.pipeline.state_messages import state_from_message, state_message
 from companion.pipeline.track_messages import tracks_message
 from companion.pipeline.tracking import TracksResult, tracking_frame
 from companion.replay.replay import Options, replay

@@ -10,11 +10,12 @@ import pytest
 
 from companion.config.loader import Config
 from companion.pipeline.configured import make_pipeline
-from companion.pipeline.encode import state_from_message, state_message, wire_bytes
+from companion.pipeline.encode import wire_bytes
 from companion.pipeline.pipeline import Pipeline
 from companion.pipeline.quaternion import product
 from companion.pipeline.results import PrismsResult
 from companion.pipeline.state import PipelineState
+from companion.pipeline.state_messages import state_from_message, state_message
 from companion.pipeline.track_messages import tracks_message
 from companion.pipeline.tracking import TracksResult
 from core.frames import quaternion_from_euler
