@@ -28,7 +28,7 @@ import zmq
 
 from companion.demo.demo import EMBEDDED
 from companion.demo.live import free_port
-from companion.live.status import newest_health
+from companion.live.health_stream import newest_health
 from osape_client.proto import osape_v1_pb2 as pb
 
 NS = 1_000_000_000

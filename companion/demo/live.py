@@ -25,7 +25,7 @@ from osape_client.proto import osape_v1_pb2 as pb
 
 from ..config.loader import Config, values_of
 from ..config.sections import SECTIONS, fields_of
-from ..live.status import newest_health
+from ..live.health_stream import newest_health
 from ..log.log_directory import files_of
 from .listener import ReceiveStats
 

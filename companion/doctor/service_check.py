@@ -10,7 +10,7 @@ from osape_client.run_folder import run_folder
 
 from ..config.loader import Config
 from ..diagnostic import DiagnosticCode
-from ..live.status import address_in_use, newest_health
+from ..live.health_stream import address_in_use, newest_health
 from .finding import Finding
 
 

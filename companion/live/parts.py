@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from ..autopilot.manager import Avoidance
     from ..guard.guard import Guard
     from ..share.setup import ShareService
-    from .prometheus import MetricsServer
+    from .metrics_server import MetricsServer
     from .world_thread import WorldThread
 
 NS = 1_000_000_000

@@ -49,7 +49,7 @@ from .stream_output import StreamOutput
 
 if TYPE_CHECKING:
     from ..share.setup import ShareService
-    from .prometheus import MetricsServer
+    from .metrics_server import MetricsServer
 
 log = logging.getLogger("companion")
 
@@ -154,7 +154,7 @@ class Service:
         """The metrics server, where it is enabled."""
         if self.config.service.metrics_port == 0:
             return None
-        from .prometheus import MetricsServer  # imports a web server: only where it is enabled
+        from .metrics_server import MetricsServer  # imports a web server: only where it is enabled
 
         return MetricsServer(self.config.service.metrics_port)
 

@@ -3,16 +3,11 @@
 from __future__ import annotations
 
 import argparse
-import socket
 from typing import Any
 
-import zmq
-
 from core.codes import text_of, texts_of
-from drivers.base import DeviceNotFound
 from drivers.logs.codec import camera_from_message
 from drivers.mavlink.anomalies import LinkAnomaly
-from osape_client.ipv6 import allow_ipv6
 from osape_client.proto import osape_v1_pb2 as pb
 from osape_client.run_folder import run_folder
 
@@ -26,57 +21,14 @@ from ..pipeline.latency import LatencyStage
 from ..pipeline.mount_messages import mount_text
 from ..pipeline.sync import DropCause
 from .health import STATES
+from .health_stream import newest_health
 from .message_json import message_json
 
 MS, S = 1e6, 1e9
 HEARTBEAT_OLD_NS = 3_000_000_000
 """Heartbeats come once a second. An older one does not say what mode the vehicle is in now."""
-PROBE_S = 1.0
 BUSY_SHARE, BUSY_MS = 0.5, 20.0
 """A frame that waits for a processor for a greater share of its time than this, and longer, is delayed by other work."""
-
-
-def address_in_use(address: str) -> bool:
-    """Returns True if a process listens on an address, or if that cannot be determined.
-
-    Raises PermissionError if this user may not connect."""
-    try:
-        if address.startswith("ipc://"):
-            with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as probe:
-                probe.settimeout(PROBE_S)
-                probe.connect(address.removeprefix("ipc://"))
-        else:
-            host, _, port = address.removeprefix("tcp://").rpartition(":")
-            here = "127.0.0.1" if host in ("*", "0.0.0.0") else host.strip("[]")
-            socket.create_connection((here, int(port)), PROBE_S).close()
-    except (FileNotFoundError, ConnectionRefusedError):
-        return False
-    except PermissionError:
-        raise
-    except (OSError, ValueError):
-        return True
-    return True
-
-
-def newest_health(address: str, timeout_s: float) -> pb.Health:
-    """The next health report on an address. Raises DeviceNotFound when none arrives."""
-    context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
-    subscriber = context.socket(zmq.SUB)
-    try:
-        subscriber.setsockopt(zmq.SUBSCRIBE, b"")
-        subscriber.setsockopt(zmq.LINGER, 0)
-        allow_ipv6(subscriber, address)
-        subscriber.connect(address)
-        if not subscriber.poll(round(timeout_s * 1000)):
-            raise DeviceNotFound(
-                f"no health report on {address} within {timeout_s:g} s: the service does not run (check `systemctl "
-                "status osape-companion`, start `companion run`) or publishes elsewhere (give its configuration with "
-                "-c)"
-            )
-        return pb.Health.FromString(subscriber.recv())
-    finally:
-        subscriber.close(0)
-        context.term()
 
 
 def _range_text(message: pb.CameraInfo) -> str:

@@ -12,7 +12,7 @@ from typing import Any, cast
 import pytest
 
 import companion.viewer.live_server as view_live
-from companion.live.prometheus import MetricsServer
+from companion.live.metrics_server import MetricsServer
 from companion.viewer.live_server import LiveServer
 
 pytestmark = pytest.mark.process

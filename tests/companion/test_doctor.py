@@ -15,7 +15,7 @@ import zmq
 
 from companion.cli import main
 from companion.doctor import computer_check, service_check
-from companion.live.status import address_in_use
+from companion.live.health_stream import address_in_use
 from companion.streams.publisher import Publisher, Stream
 from drivers.simulation.autopilot import ARDUPILOT, PX4, SimulatedAutopilot
 from drivers.simulation.autopilot_link import AutopilotLink, PtyEnd

@@ -12,8 +12,9 @@ from pathlib import Path
 import pytest
 
 from companion.config.loader import config_of
-from companion.live import prometheus
-from companion.live.prometheus import LOOPBACK, MAX_REPORT_AGE_NS, OLD_NAMES, MetricsServer, metrics_text
+from companion.live import metrics_server
+from companion.live.metrics_server import LOOPBACK, MAX_REPORT_AGE_NS, MetricsServer
+from companion.live.prometheus import OLD_NAMES, metrics_text
 from companion.live.service import Service
 from companion.paths import Folders
 from osape_client.proto import osape_v1_pb2 as pb
@@ -155,7 +156,7 @@ def test_a_client_that_sends_its_request_byte_by_byte_is_cut_off(
     server: MetricsServer, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Each byte arrives within the time limit of the socket; all others would wait for as long as it goes on."""
-    monkeypatch.setattr(prometheus, "CLIENT_TIMEOUT_S", 0.2)
+    monkeypatch.setattr(metrics_server, "CLIENT_TIMEOUT_S", 0.2)
     server.update(fresh())
     with socket.create_connection((LOOPBACK, server.port)) as client:
         client.settimeout(0.05)

@@ -16,7 +16,7 @@ import pytest
 import zmq
 
 from companion.cli import main
-from companion.live.status import address_in_use
+from companion.live.health_stream import address_in_use
 from companion.streams.curve_auth import AllowList, beyond_loopback, load_keys, make_keys
 from companion.streams.publisher import MOST_RECEIVED_BYTES, Publisher, Stream
 from drivers.base import BadData, DeviceNotFound
