@@ -15,7 +15,8 @@ from drivers.mavlink.session_types import ARDUPILOT, PX4, LinkStatus, Vehicle
 from osape_client.proto import osape_v1_pb2 as pb
 
 from ..cameras.masks import Mask
-from ..cameras.supervisor import CameraCondition, CameraSupervisor
+from ..cameras.status import CameraCondition
+from ..cameras.supervisor import CameraSupervisor
 from ..config.avoidance import AvoidParams
 from ..config.loader import Config
 from ..diagnostic import Diagnostic, DiagnosticCode

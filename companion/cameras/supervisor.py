@@ -15,8 +15,6 @@ import threading
 import time
 from collections.abc import Callable
 from contextlib import closing
-from dataclasses import dataclass
-from enum import StrEnum
 from typing import Any
 
 from core.types import CameraInfo, DepthFrame
@@ -28,6 +26,7 @@ from ..config.camera import CameraConfig
 from ..config.service import SupervisorParams
 from .frozen_frames import FrozenFrameDetector
 from .process_output import forward
+from .status import CameraCondition, CameraStatus
 from .worker import info_from_json
 
 NS = 1_000_000_000
@@ -45,36 +44,6 @@ _NO_RESOURCES = "its process cannot be started or read"
 _STABLE_RUN_S = 3.0
 """A camera that delivered frames for this long after its start is restarted without delay; otherwise the delay grows.
 """
-
-
-class CameraCondition(StrEnum):
-    """Condition of a camera."""
-
-    STARTING = "starting"
-    RUNNING = "running"
-    SILENT = "silent"
-    FROZEN = "frozen"
-    LOST = "lost"
-    STOPPED = "stopped"
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class CameraStatus:
-    """State of a camera."""
-
-    camera: str
-    condition: CameraCondition
-    cause: str  # why it does not run
-    since_ns: int  # time of the last change of condition
-    frames: int = 0
-    dropped: int = 0
-    starts: int = 0
-    last_loss: str = ""  # cause of the last restart
-    last_loss_ns: int | None = None  # time of that cause, None: none yet
-    last_arrival_ns: int | None = None
-    info: CameraInfo | None = None
-    notice: str = ""  # `DepthSource.notice` of the opened camera
-    alive_ns: int = 0
 
 
 class CameraSupervisor:

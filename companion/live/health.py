@@ -14,7 +14,7 @@ from drivers.mavlink.session_types import LinkStatus
 from osape_client.proto import osape_v1_pb2 as pb
 
 from ..autopilot.flight_modes import mode_name
-from ..cameras.supervisor import CameraStatus
+from ..cameras.status import CameraStatus
 from ..diagnostic import Diagnostic
 from ..log.recorder import RecordStatus
 from ..pipeline.encode import SCHEMA_VERSION

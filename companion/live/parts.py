@@ -9,7 +9,8 @@ from drivers.mavlink.link import MavlinkLink
 from drivers.mavlink.session import MavlinkSession
 from drivers.mavlink.signing import Signing
 
-from ..cameras.supervisor import CameraStatus, CameraSupervisor
+from ..cameras.status import CameraStatus
+from ..cameras.supervisor import CameraSupervisor
 from ..diagnostic import Diagnostic, DiagnosticCode
 from ..log.recorder import Recorder
 from ..streams.curve_auth import AllowList

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 from osape_client.proto import osape_v1_pb2 as pb
 
-from ..cameras.supervisor import CameraCondition
+from ..cameras.status import CameraCondition
 from .health import STATES
 
 NS = 1_000_000_000

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ..cameras.supervisor import CameraCondition, CameraStatus
+from ..cameras.status import CameraCondition, CameraStatus
 from ..pipeline.results import PrismsResult
 
 NS = 1_000_000_000

@@ -11,7 +11,7 @@ import zmq
 
 from osape_client.proto import osape_v1_pb2 as pb
 
-from ..cameras.supervisor import CameraStatus
+from ..cameras.status import CameraStatus
 from ..config.loader import Config
 from ..config.service import STREAMS
 from ..pipeline.encode import blind_message, wire_bytes

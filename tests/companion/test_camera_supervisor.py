@@ -25,7 +25,8 @@ from companion.cameras import supervisor as camera_supervisor
 from companion.cameras import worker
 from companion.cameras.factory import make_source
 from companion.cameras.frozen_frames import FrozenFrameDetector
-from companion.cameras.supervisor import CameraCondition, CameraStatus, CameraSupervisor
+from companion.cameras.status import CameraCondition, CameraStatus
+from companion.cameras.supervisor import CameraSupervisor
 from companion.cameras.worker import info_from_json
 from companion.config.camera import CameraConfig
 from companion.config.service import SupervisorParams

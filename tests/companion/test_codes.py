@@ -11,7 +11,7 @@ import pytest
 from google.protobuf.internal.enum_type_wrapper import EnumTypeWrapper
 
 from companion.autopilot.conflict_codes import CONFLICT_CODES
-from companion.cameras.supervisor import CameraCondition
+from companion.cameras.status import CameraCondition
 from companion.diagnostic import Diagnostic, DiagnosticCode
 from companion.live.health import latency_message
 from companion.live.message_json import message_json

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from companion.cameras.supervisor import CameraCondition, CameraStatus
+from companion.cameras.status import CameraCondition, CameraStatus
 from companion.config.camera import CameraConfig
 from companion.config.loader import Config
 from companion.doctor import camera_check

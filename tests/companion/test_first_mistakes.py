@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from companion.cameras.supervisor import CameraCondition, CameraStatus
+from companion.cameras.status import CameraCondition, CameraStatus
 from companion.cli import main
 from companion.config.loader import ConfigError, config_of, load_config
 from companion.config.sections import fields_of

@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 from google.protobuf.message import Message
 
-from companion.cameras.supervisor import CameraCondition, CameraStatus
+from companion.cameras.status import CameraCondition, CameraStatus
 from companion.config.loader import Config
 from companion.live.event_queue import WAKE_ITEMS, EventQueue
 from companion.live.health import CameraView

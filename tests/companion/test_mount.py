@@ -8,7 +8,7 @@ import math
 import numpy as np
 import pytest
 
-from companion.cameras.supervisor import CameraCondition, CameraStatus
+from companion.cameras.status import CameraCondition, CameraStatus
 from companion.diagnostic import DiagnosticCode
 from companion.live.health import CameraView, camera_message
 from companion.live.status import status_lines

@@ -15,7 +15,7 @@ import pytest
 import zmq
 
 import companion.live.process_usage as process_usage
-from companion.cameras.supervisor import CameraCondition, CameraStatus
+from companion.cameras.status import CameraCondition, CameraStatus
 from companion.cli import main
 from companion.diagnostic import Diagnostic, DiagnosticCode
 from companion.live.diagnostics import diagnostics_of
