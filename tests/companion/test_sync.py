@@ -158,6 +158,32 @@ def test_in_a_fast_turn_no_attitude_is_used_whose_instant_is_uncertain(error_ms,
         assert answer is DropCause.CLOCK_UNCERTAIN
 
 
+@pytest.mark.parametrize("uncertain_first", [True, False])
+@pytest.mark.parametrize("t_ms", [105, 115])
+def test_between_two_samples_one_uncertain_instant_is_enough(uncertain_first, t_ms):
+    """The bound falls when the clock becomes known: a sample before it may still be of another instant."""
+    fast = (0.0, 0.0, math.radians(200.0))
+    errors_ms = (30, 1) if uncertain_first else (1, 30)
+    samples = [replace(still(at, fast), stamp_error_ns=e * MS) for at, e in zip((100, 120), errors_ms, strict=True)]
+    assert synchroniser(*samples).attitude_at(t_ms * MS) is DropCause.CLOCK_UNCERTAIN
+
+
+@given(vectors, vectors)
+def test_a_turn_is_carried_back_before_the_first_sample(start, rates):
+    first = turning(100 * MS, from_rotation_vector(start), rates)
+    at = synchroniser(first).attitude_at(60 * MS)
+    assert at.source is Source.EXTRAPOLATED
+    assert angle_between(at.q_ned_frd_wxyz, turning(60 * MS, from_rotation_vector(start), rates).q_ned_frd_wxyz) < 1e-6
+
+
+def test_an_attitude_after_a_gap_has_the_gap_and_one_before_it_has_not():
+    sync = Synchroniser(SyncParams())
+    for sample in (still(0), still(100), still(400), still(420)):
+        sync.add(sample)
+    gaps_ms = [sync.attitude_at(t_ms * MS).gap_ns // MS for t_ms in (100, 400, 410)]
+    assert gaps_ms == [0, 400, 400]
+
+
 @pytest.mark.parametrize(
     ("samples", "t_ms", "expected"),
     [

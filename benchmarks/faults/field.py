@@ -1,0 +1,108 @@
+"""A random field of boxes and poles, a random flight in the middle of it, and the true distances around the vehicle.
+
+The distances are computed from points on the outlines of the solids, and share no code with the obstacle output."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.simulation.flight_path import FlightPath, VehicleState
+from drivers.simulation.scenes import Scene, SceneBuilder
+
+SECTORS = 72
+STEP_DEG = 360.0 / SECTORS
+HEIGHT_M = 2.5
+ROAM_M = 2.5
+"""The flight stays within this distance of the origin; the solids stand beyond NEAREST_M."""
+NEAREST_M, FARTHEST_M = 4.0, 12.5
+RING, RING_HEIGHT_M = 16, 9.0
+"""Number of walls around the field, and their height."""
+LEG_S = 2.5
+POINT_M = 0.03
+"""Distance between two points of an outline."""
+
+Points = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Field:
+    """scene: to be rendered; outline_m: (N, 2) points north and east on the sides of its solids, all of which reach over the
+    height band of the vehicle; path: of the vehicle."""
+
+    scene: Scene
+    outline_m: Points
+    path: FlightPath
+
+    def nearest_m(self, state: VehicleState, half_deg: float) -> NDArray[np.float64]:
+        """Returns the true distance, (72,), from the middle of the vehicle to the nearest point within `half_deg` of the middle of
+        each sector; inf: none."""
+        north, east = (self.outline_m - np.array(state.position_ned_m[:2])).T
+        bearing_deg = np.degrees(np.arctan2(east, north) - state.euler_rad[2])
+        sector = np.round(bearing_deg / STEP_DEG)
+        inside = np.abs(bearing_deg - STEP_DEG * sector) <= half_deg
+        out = np.full(SECTORS, np.inf)
+        np.minimum.at(out, sector[inside].astype(int) % SECTORS, np.hypot(north, east)[inside])
+        return out
+
+
+def random_field(seed: int, duration_s: float) -> Field:
+    """The field of a seed, always the same."""
+    rng = np.random.default_rng([4, seed])
+    builder = SceneBuilder(f"field {seed}")
+    builder.ground()
+    outlines = [_solid(builder, rng) for _ in range(int(rng.integers(2, 8)))]
+    ring_m = float(rng.uniform(14.5, 16.5))
+    outlines += [_wall(builder, ring_m, math.tau * i / RING) for i in range(RING)]
+    return Field(builder.build(), np.concatenate(outlines), _path(rng, duration_s))
+
+
+def _wall(builder: SceneBuilder, ring_m: float, bearing: float) -> Points:
+    """Adds one wall of the ring around everything, without which stereo would measure nothing; returns its inner side."""
+    length_m, thick_m = 2.0 * ring_m * math.tan(math.pi / RING) + 0.4, 0.3
+    c, s = math.cos(bearing), math.sin(bearing)
+    middle_m = ring_m + 0.5 * thick_m
+    builder.box("ring", middle_m * c, middle_m * s, thick_m, length_m, RING_HEIGHT_M, bearing)
+    along = np.arange(-0.5 * length_m, 0.5 * length_m, POINT_M)
+    return np.column_stack([ring_m * c - along * s, ring_m * s + along * c])
+
+
+def _solid(builder: SceneBuilder, rng: np.random.Generator) -> Points:
+    """Adds a box or a pole; returns its outline."""
+    bearing, range_m = rng.uniform(-math.pi, math.pi), rng.uniform(NEAREST_M + 1.0, FARTHEST_M)
+    height_m = float(rng.uniform(4.5, 7.0))
+    if rng.random() < 0.3:
+        radius_m = float(rng.uniform(0.3, 0.8))
+        x, y = (range_m + radius_m) * math.cos(bearing), (range_m + radius_m) * math.sin(bearing)
+        builder.pole("pole", x, y, 2.0 * radius_m, height_m)
+        angle = np.arange(0.0, math.tau, POINT_M / radius_m)
+        return np.column_stack([x + radius_m * np.cos(angle), y + radius_m * np.sin(angle)])
+    length_m, width_m, yaw = (
+        float(rng.uniform(0.7, 5.0)),
+        float(rng.uniform(0.7, 3.0)),
+        float(rng.uniform(0.0, math.pi)),
+    )
+    range_m += 0.5 * math.hypot(length_m, width_m)
+    x, y = range_m * math.cos(bearing), range_m * math.sin(bearing)
+    builder.box("box", x, y, length_m, width_m, height_m, yaw)
+    along = np.arange(-0.5 * length_m, 0.5 * length_m, POINT_M)
+    across = np.arange(-0.5 * width_m, 0.5 * width_m, POINT_M)
+    sides = [np.column_stack([along, np.full(len(along), side * 0.5 * width_m)]) for side in (-1, 1)]
+    sides += [np.column_stack([np.full(len(across), side * 0.5 * length_m), across]) for side in (-1, 1)]
+    c, s = math.cos(yaw), math.sin(yaw)
+    return np.asarray(np.concatenate(sides) @ np.array([[c, s], [-s, c]]) + [x, y])
+
+
+def _path(rng: np.random.Generator, duration_s: float) -> FlightPath:
+    """Hovers for four seconds, then flies from place to place with turns of up to 60 degrees a second or so."""
+    rows, yaw = [[0.0, 0.0, 0.0, -HEIGHT_M, 0.0, 0.0, 0.0], [4.0, 0.0, 0.0, -HEIGHT_M, 0.0, 0.0, 0.0]], 0.0
+    while rows[-1][0] < duration_s:
+        bearing, far_m = rng.uniform(-math.pi, math.pi), ROAM_M * math.sqrt(rng.random())
+        yaw += rng.uniform(-1.2, 1.2) if rng.random() < 0.7 else 0.0
+        roll, pitch = rng.uniform(-0.07, 0.07, 2)
+        place = [far_m * math.cos(bearing), far_m * math.sin(bearing), -HEIGHT_M]
+        rows.append([rows[-1][0] + LEG_S, *place, roll, pitch, yaw])
+    return FlightPath(rows, sway_rad=(0.01, 0.01, 0.01))

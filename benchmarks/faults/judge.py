@@ -1,0 +1,122 @@
+"""Judges what was sent by the truth: the field, the flight, and which evidence reached the service.
+
+It uses no part of the obstacle output but the meaning of its values (docs/reference/obstacle-output.md)."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from .field import STEP_DEG
+from .loop import FaultLoop
+from .switches import NS, Fault
+
+UNKNOWN = 65535
+RANGE_M = 0.75
+"""Error of a distance at the farthest range: noise of 0.0015 (0.2 m at 12 m), a ring of the free profile of 0.5 m."""
+INSIDE_DEG = 1.5
+"""A solid in the outermost degree of a sector, a fifth of its width, may be missed (docs/reference/limits.md)."""
+BLIND_NS = 400_000_000
+"""Blind values are sent at the latest after this time."""
+EVIDENT_FROM_S = 4.0
+AGAIN_SECTORS = 3
+INNER = 5
+"""Sectors up to this one on both sides of the nose are in the view as a whole. Of those at its border a part is not seen: to PX4
+they are unknown, to ArduPilot open (docs/explanation/failsafe.md)."""
+NOT_NOTICED = "attitude repeated"
+"""The fault during which places are not judged: a wrong attitude with new stamps displaces everything (docs/reference/limits.md)."""
+
+
+@dataclass(frozen=True, slots=True)
+class Violation:
+    """t_s: of the flight; what: in one line; faults: that are or were in force in the last 4 s."""
+
+    t_s: float
+    what: str
+    faults: tuple[str, ...]
+
+
+@dataclass(slots=True)
+class Judge:
+    """`sent` gets each message. messages: number of messages; clear: number of clear sectors; seen_s: instants at which
+    AGAIN_SECTORS sectors or more were clear or at a true obstacle."""
+
+    faults: list[Fault]
+    kind: str
+    messages: int = 0
+    clear: int = 0
+    violations: list[Violation] = field(default_factory=list)
+    seen_s: list[float] = field(default_factory=list)
+
+    def sent(self, loop: FaultLoop, values: list[int]) -> None:
+        """Judges one message at the moment of sending."""
+        self.messages += 1
+        avoid, state = loop.avoid, loop.truth()
+        clear_cm = round(100 * avoid.max_distance_m) + 1
+        inner_m = loop.field.nearest_m(state, INSIDE_DEG)
+        whole_m = loop.field.nearest_m(state, 0.5 * STEP_DEG)
+        agreeing = 0
+        displaced = any(
+            f.name == NOT_NOTICED and f.begin_ns <= loop.flown_ns <= f.end_ns + BLIND_NS for f in self.faults
+        )
+        for sector, value in enumerate(values):
+            near_m = float(inner_m[sector])
+            judged = not displaced and min(sector, 72 - sector) <= INNER
+            if value == clear_cm:
+                self.clear += 1
+                agreeing += 1
+                if judged and near_m < avoid.max_distance_m - RANGE_M:
+                    self._note(loop, f"sector {sector} is clear, a solid is {near_m:.2f} m away")
+            elif value < clear_cm:
+                hull_m = near_m - avoid.radius_m
+                agreeing += abs(value / 100.0 - (float(whole_m[sector]) - avoid.radius_m)) < 1.0
+                if judged and value / 100.0 > max(hull_m, avoid.min_distance_m + 0.01) + self._allowed_m(near_m):
+                    self._note(loop, f"sector {sector} is {value} cm, a solid is {100 * hull_m:.0f} cm away")
+        self._judge_time(loop, values, clear_cm)
+        if agreeing >= AGAIN_SECTORS:
+            self.seen_s.append(loop.flown_ns / NS)
+
+    def _allowed_m(self, near_m: float) -> float:
+        return RANGE_M if math.isfinite(near_m) else math.inf
+
+    def _judge_time(self, loop: FaultLoop, values: list[int], clear_cm: int) -> None:
+        """Without new evidence nothing may be clear; an ArduPilot must not be sent unknown where the camera looks."""
+        evidence, now_ns = loop.evidence, loop.flown_ns
+        middle = [s % 72 for s in range(-4, 5)]
+        for name, at_ns in (("image", evidence.frame_ns), ("attitude", evidence.attitude_ns)):
+            since_ns = now_ns - max(at_ns, loop.began_ns)
+            if since_ns > BLIND_NS and clear_cm in values:
+                self._note(
+                    loop, f"{values.count(clear_cm)} sectors are clear {since_ns / NS:.2f} s after the newest {name}"
+                )
+        since_ns = now_ns - max(evidence.left_ns, loop.began_ns)
+        left = [values[s] for s in (-6, -5, -4)]
+        if since_ns > BLIND_NS + NS // 4 and clear_cm in left and loop.switches.covered >= 0.3:
+            self._note(loop, f"the covered side is clear after {since_ns / NS:.2f} s")
+        if self.kind == "ArduPilot" and UNKNOWN in [values[s] for s in middle]:
+            self._note(loop, "unknown, which it treats as clear, where the camera looks")
+
+    def _note(self, loop: FaultLoop, what: str) -> None:
+        t_ns = loop.flown_ns
+        near = tuple(f.name for f in self.faults if f.begin_ns <= t_ns <= f.end_ns + 4 * NS)
+        self.violations.append(Violation(t_ns / NS, what, near))
+
+    def judge_recovery(self, flown_s: float) -> None:
+        """To be called after the flight: after each fault that no other one follows, the sectors are seen again in time."""
+        seen = np.array(self.seen_s)
+        for fault in self.faults:
+            at_s = fault.end_ns / NS + fault.recovery_s
+            until_s = at_s + 1.0
+            others = [f for f in self.faults if f is not fault]
+            if until_s > flown_s or any(
+                f.begin_ns < until_s * NS and f.end_ns + f.recovery_s * NS > fault.end_ns for f in others
+            ):
+                continue
+            if not ((seen >= fault.end_ns / NS) & (seen <= until_s)).any():
+                self.violations.append(
+                    Violation(
+                        until_s, f"not seen again {until_s - fault.end_ns / NS:.1f} s after its end", (fault.name,)
+                    )
+                )

@@ -1,0 +1,135 @@
+"""One run of the service in made-up time: link session, queue, pipeline, and the decisions for the autopilot.
+
+Every part is that of the service; only threads, sockets and clocks are left out."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from companion.autopilot.autopilot_values import AutopilotValues
+from companion.autopilot.failsafe import AutopilotNow
+from companion.autopilot.last_values import LastValuesFile
+from companion.autopilot.manager import READS
+from companion.autopilot.obstacle_report import ObstacleReport, SeenCameras
+from companion.autopilot.report_builder import ObstacleReportBuilder
+from companion.autopilot.sender import messages_of
+from companion.cameras.frozen_frames import FrozenFrameDetector
+from companion.config.avoidance import AvoidParams
+from companion.config.service import ServiceParams, SupervisorParams
+from companion.live.event_queue import EventQueue
+from companion.pipeline.events import SupersededFrame
+from companion.pipeline.pipeline import Pipeline
+from companion.pipeline.results import PrismsResult
+from core.extractor import Extractor
+from core.params import Params
+from core.types import AttitudeSample, CameraInfo, DepthFrame, PoseSample
+from drivers.mavlink.session import MavlinkSession
+
+NS = 1_000_000_000
+MS = 1_000_000
+PAUSE_NS, READ_NS = 42 * MS, 10 * MS
+"""Time between two reads of the link while messages may wait, and while they may not (drivers.mavlink.link)."""
+TICK_NS = NS // 10
+
+
+class Service:
+    """One run, from its start to its end. `frame` gets the frames of the camera; `step` does what is due, and returns the bytes for
+    the autopilot."""
+
+    def __init__(
+        self, camera: CameraInfo, avoid: AvoidParams, extractor: Extractor, timeout_s: float = ServiceParams().timeout_s
+    ) -> None:
+        self.avoid = avoid
+        self.session = MavlinkSession(on_message=self._message, reads=READS)
+        self.values = AutopilotValues(LastValuesFile(None))
+        self.report: ObstacleReport | None = None
+        params = Params()
+        self._detector = FrozenFrameDetector(SupervisorParams().frozen_frames, params.min_measured_share)
+        self._frozen = ""
+        self._queue = EventQueue()
+        self._pipeline = Pipeline((), lambda info: extractor)
+        seen = SeenCameras(
+            cameras=(camera.camera,),
+            timeout_s=timeout_s,
+            params=params,
+            frame_fault=lambda name: self._frozen,
+        )
+        self._builder = ObstacleReportBuilder(avoid, seen)
+        self._pipeline.announce(camera)
+        self._builder.announce(camera)
+        self._unread: list[tuple[bytes, int]] = []
+        self._next_read_ns = self._next_decision_ns = self._next_tick_ns = 0
+
+    def receive(self, data: bytes, now_ns: int) -> None:
+        """Adds bytes of the line, which are read with the next `step` or frame."""
+        self._unread.append((data, now_ns))
+
+    def frame(self, frame: DepthFrame, now_ns: int) -> list[bytes]:
+        """Handles a frame as the camera's supervisor does: attitudes that arrived are read before it. Returns bytes to send."""
+        self._frozen = self._detector.check(frame)
+        out: list[bytes] = []
+        if not self._frozen and not self._detector.repeats:
+            out = self._read(now_ns)
+            self._queue.put_frame(frame)
+        return out
+
+    def step(self, now_ns: int, *, pipeline: bool = True, sender: bool = True) -> list[bytes]:
+        """Does what is due. pipeline, sender: these threads run."""
+        out: list[bytes] = []
+        if now_ns >= self._next_read_ns:
+            self._next_read_ns = now_ns + (PAUSE_NS if self.session.can_defer_read(now_ns) else READ_NS)
+            out += self._read(now_ns)
+        if pipeline:
+            self._run_pipeline()
+        if now_ns >= self._next_tick_ns:
+            self._next_tick_ns = now_ns + TICK_NS
+            vehicle = self._vehicle(now_ns)
+            if vehicle is not None:
+                for request in self.values.due(vehicle, now_ns):
+                    self.session.post(request, now_ns)
+        if sender and now_ns >= self._next_decision_ns:
+            self._next_decision_ns = now_ns + round(NS / self.avoid.rate_hz)
+            self._decide(now_ns)
+        if self.session.has_posted:
+            out += self.session.due(now_ns)
+        return out
+
+    def _vehicle(self, now_ns: int) -> Any:
+        return self.session.vehicle if self.session.connected(now_ns) else None
+
+    def _read(self, now_ns: int) -> list[bytes]:
+        chunks, self._unread = [(data, now_ns) for data, _ in self._unread], []
+        samples = self.session.receive(chunks)
+        if chunks:
+            self._deliver(samples)
+        return self.session.due(now_ns)
+
+    def _deliver(self, samples: Sequence[AttitudeSample | PoseSample]) -> None:
+        self._queue.put(list(samples))
+        self._builder.samples(list(samples))
+
+    def _message(self, message: Any, arrival_ns: int) -> None:
+        self.values.take(message, arrival_ns)
+
+    def _run_pipeline(self) -> None:
+        while taken := self._queue.take(0.0):
+            for item in taken:
+                if isinstance(item, SupersededFrame):
+                    self._pipeline.superseded(item.camera, item.sequence, item.t_exposure_ns, item.t_arrival_ns)
+                elif isinstance(item, DepthFrame | AttitudeSample | PoseSample):
+                    for output in self._pipeline.handle(item):
+                        if isinstance(output, PrismsResult):
+                            self._builder.result(output)
+
+    def _decide(self, now_ns: int) -> None:
+        vehicle = self._vehicle(now_ns)
+        if vehicle is None and self.session.fell_silent(now_ns):
+            vehicle = self.session.vehicle
+        autopilot = AutopilotNow() if vehicle is None else self.values.state(vehicle, now_ns)
+        if not autopilot.kind:
+            self._builder.catch_up()
+            return
+        self.report = self._builder.decide(autopilot, now_ns)
+        for message in messages_of(self.report, autopilot.kind, self.avoid, now_ns):
+            self.session.post(message, now_ns)
