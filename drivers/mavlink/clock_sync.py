@@ -56,7 +56,7 @@ class ClockParams:
     window_s: float = number(60.0, 2.0, 600.0, "s", "older exchanges are not used")
     drift_span_s: float = number(5.0, 1.0, 300.0, "s", "shorter spans cannot separate drift from jitter")
     min_exchanges: int = number(3, 1, 50, "", "answers before the clock is called synchronised")
-    max_rtt_s: float = number(0.5, 0.01, 5.0, "s", "slower answers are not used")
+    max_rtt_s: float = number(0.5, 0.01, 5.0, "s", "slower answers are not used, and show that arrivals may be late")
     reboot_step_s: float = number(1.0, 0.1, 60.0, "s", "boot time that goes back this far is a reboot")
     reboot_messages: int = number(
         5, 1, 50, "", "messages in a row that contradict the estimate; one alone is only late"
@@ -116,6 +116,7 @@ class ClockFilter:
         self._accepted_ns: int | None = None
         self._refused: list[_Bound] = []  # in a row
         self._changes_ns: deque[int] = deque(maxlen=MIXED)
+        self._slow_answer_ns: int | None = None  # arrival of the newest one, unless synchronised since
 
     def restart(self) -> None:
         """Discards everything: the autopilot has been replaced, or has rebooted."""
@@ -142,10 +143,12 @@ class ClockFilter:
 
     def arrival(self, boot_ns: int, arrival_ns: int) -> bool:
         """Adds the arrival of a message that was measured at boot_ns (rounded down); returns True if its stamp may be
-        used.
+        used, once the estimate is `usable`.
 
         False: the stamp is so far back that the message is very late, or it would have been measured after it arrived.
         Another sender, a reboot or a step of one of the clocks also causes this."""
+        if self._slow_answer_ns is not None and arrival_ns - self._slow_answer_ns > self.params.window_s * NS:
+            self._slow_answer_ns = None
         if self._is_back(boot_ns) or self._is_ahead(boot_ns, arrival_ns):
             self._refused.append(_Bound(boot_ns, None, arrival_ns - boot_ns))
             if len(self._refused) < self.params.reboot_messages or self._fits_recently(arrival_ns):
@@ -195,6 +198,7 @@ class ClockFilter:
             tc1_ns: time of the autopilot's clock.
             now_ns: local time of the arrival."""
         if not 0 <= now_ns - ts1_ns <= self.params.max_rtt_s * NS:
+            self._slow_answer_ns = now_ns if now_ns > ts1_ns else self._slow_answer_ns
             return False
         new = _Bound(tc1_ns, ts1_ns - tc1_ns, now_ns - tc1_ns)
         if self._exchanges and not self._fits(new):
@@ -205,6 +209,8 @@ class ClockFilter:
         self._exchanges.append(new)
         self._trim(self._exchanges, tc1_ns)
         self._estimate(tc1_ns)
+        if self.estimate.source is ClockSource.TIMESYNC:
+            self._slow_answer_ns = None
         if self.estimate.source is not before:  # what arrived earlier may be of another clock
             self._newest_boot_ns = tc1_ns
             self._arrivals.clear()
@@ -233,11 +239,12 @@ class ClockFilter:
     @property
     def usable(self) -> bool:
         """Whether stamps may be used: the clock is synchronised, or the arrivals of KNOWN_SECONDS are known, after which
-        those of a further second have begun."""
+        those of a further second have begun. A slow answer shows that all arrivals may be delayed by more than
+        UNKNOWN_DELAY_NS: they are not used until the clock is synchronised, or no answer was slow for window_s."""
         source = self.estimate.source
-        return source is ClockSource.TIMESYNC or (
-            source is ClockSource.ENVELOPE and len(self._arrivals) > KNOWN_SECONDS
-        )
+        if source is ClockSource.TIMESYNC:
+            return True
+        return source is ClockSource.ENVELOPE and len(self._arrivals) > KNOWN_SECONDS and self._slow_answer_ns is None
 
     @property
     def doubted(self) -> bool:

@@ -18,7 +18,8 @@ FAST_NS, SLOW_NS = NS // 10, NS // 2
 """Interval of the requests: until the clock is synchronised, for FAST_FOR_NS after that, and while the newest answer
 contradicts the others; otherwise."""
 FAST_FOR_NS = 3 * NS
-_PENDING = 64
+_PENDING = 600
+"""Requests of a minute at FAST_NS, of which answers count: also a very late one shows that the line is slow."""
 _FIELDS = struct.Struct("<qq")
 """tc1 and ts1 as in the payload: autopilots send ten requests per second themselves."""
 UNANSWERED_NS = 4 * NS

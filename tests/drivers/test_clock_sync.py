@@ -456,6 +456,43 @@ def test_contradictions_that_disagree_with_each_other_are_no_step() -> None:
     assert clock.estimate.offset_ns == pytest.approx(before.offset_ns, abs=MS)
 
 
+@pytest.mark.parametrize("begins", ["at the start", "after a reboot", "after a minute"])
+def test_no_stamp_is_used_of_a_line_whose_answers_are_slow(begins: str) -> None:
+    """Answers slower than max_rtt_s are not used. The fastest arrivals then counted as delayed by 30 ms at most, although the
+    answers show that the line may take half a second and more: attitudes were used that were as old."""
+    clock, begin_ns, boot_at_ns = ClockFilter(), 0, -1_000 * NS
+    if begins != "at the start":
+        run(Link(), clock, 5.0)
+        begin_ns = 20 * NS
+    if begins == "after a reboot":
+        boot_at_ns = 19 * NS
+    slow = Link(boot_at_ns=boot_at_ns, least_delay_ns=300 * MS)
+    for k in range(1, 1000):
+        now_ns = begin_ns + k * 100 * MS
+        slow.attitude(clock, now_ns)
+        slow.exchange(clock, now_ns)
+        if clock.usable:
+            assert clock.estimate.source is ClockSource.TIMESYNC  # of the answers before, until they are too old
+            assert begins == "after a minute" or now_ns < begin_ns + 2 * NS
+    assert not clock.usable
+    fast = Link(boot_at_ns=boot_at_ns)
+    run(fast, clock, 1.0, start_ns=begin_ns + 101 * NS)
+    assert clock.usable
+    assert clock.estimate.source is ClockSource.TIMESYNC
+
+
+def test_a_line_that_has_not_shown_a_slow_answer_for_a_minute_counts_as_one_without_answers() -> None:
+    clock, link = ClockFilter(), Link()
+    assert not clock.exchange(0, link.boot(0), 600 * MS)
+    usable_s = []
+    for k in range(1, 9000):
+        link.attitude(clock, k * 10 * MS)
+        if clock.usable:
+            usable_s.append(k / 100)
+    assert usable_s[0] == pytest.approx(60.6, abs=0.1)
+    assert len(usable_s) == pytest.approx(100 * (90 - 60.6), abs=20)
+
+
 def test_a_late_answer_and_one_from_the_future_are_not_used() -> None:
     clock = ClockFilter()
     assert not clock.exchange(0, 0, 600 * MS)

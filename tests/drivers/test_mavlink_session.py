@@ -15,13 +15,14 @@ from hypothesis import strategies as st
 from core.types import AttitudeSample, PoseSample
 from drivers.logs.codec import attitude_from_message, attitude_message, pose_from_message, pose_message
 from drivers.mavlink.bandwidth import budget_of
-from drivers.mavlink.clock_sync import ClockSource
+from drivers.mavlink.clock_sync import ClockFilter, ClockSource
 from drivers.mavlink.commands import DO_SET_MODE, set_px4_hold
 from drivers.mavlink.dialect import dialect
 from drivers.mavlink.motion import motion_fields
 from drivers.mavlink.parser import MessageSplitter
 from drivers.mavlink.session import MAV_STATE_CRITICAL, MavlinkSession
 from drivers.mavlink.session_types import MavlinkParams, Vehicle
+from drivers.mavlink.timesync import TimeSync
 from drivers.simulation.autopilot import ARDUPILOT, PX4, SimulatedAutopilot
 from drivers.simulation.firmware_profile import FirmwareProfile, hovering
 from drivers.simulation.flight_path import VehicleState
@@ -129,6 +130,33 @@ def test_answers_that_are_too_slow_to_be_used_are_reported() -> None:
     c.delay_ns = 600 * MS
     c.run(10.0)
     assert not c.session.status(c.now_ns).timesync_answered
+
+
+def test_a_line_that_is_slow_from_the_start_gives_no_samples() -> None:
+    """Their stamps were taken for late by 30 ms at most, although answers took more than half a second."""
+    c = talk(PX4, boot_at_ns=90 * NS)
+    c.delay_ns = 600 * MS
+    c.run(6.0)
+    assert c.samples == []
+    assert not c.session.status(c.now_ns).timesync_answered
+    c.now_ns, c.delay_ns = c.now_ns + NS, 2 * MS
+    c.run(2.0)
+    assert {s.stamp_error_ns < 5 * MS for s in c.samples} == {True}
+
+
+def test_an_answer_after_many_further_requests_shows_that_the_line_is_slow() -> None:
+    """It counted as one to no request."""
+    clock = ClockFilter()
+    timesync = TimeSync(clock)
+    sent = [m.ts1 for k in range(100) for m in timesync.due(100 * NS + k * NS // 10)]
+    for k in range(400):
+        clock.arrival(50 * NS + k * 10 * MS, 110 * NS + k * 10 * MS)
+    assert clock.usable
+    answer = bytes(dialect.MAVLink_timesync_message(10 * NS, sent[0]).pack(dialect.MAVLink(None, 1, 1)))
+    (frame,) = MessageSplitter().frames(answer)
+    timesync.take(frame, 114 * NS, from_autopilot=True)
+    assert timesync.unpaired == 0
+    assert not clock.usable
 
 
 def test_answers_that_stop_are_reported_before_the_clock_is_lost() -> None:
