@@ -27,7 +27,7 @@ $(STAMP): pyproject.toml clients/python/pyproject.toml requirements-dev.lock .ci
 
 # without the tools of development; where those are installed, they are kept
 $(DEMO_STAMP): pyproject.toml clients/python/pyproject.toml requirements-demo.lock .ci/find-python .ci/make-env
-	@if [ ! -e $(STAMP) ]; then bash .ci/make-env $(VENV) requirements-demo.lock; else $(MAKE) --no-print-directory env; fi && touch $@
+	@if [ ! -e $(STAMP) ]; then bash .ci/make-env $(VENV) requirements-demo.lock; else $(MAKE) --no-print-directory --silent env; fi && touch $@
 
 demo: $(DEMO_STAMP) ## the live service on a simulated flight, its log replayed and drawn (five minutes the first time, half a minute later)
 	@$(BIN)/companion demo $(ARGS)
