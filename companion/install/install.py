@@ -114,6 +114,7 @@ def install_steps(
         file_step(paths.unit, unit, "the service"),
     ]
     if not paths.live:
+        _warn_without_command(paths, command)
         enable = ["systemctl", f"--root={paths.root}", "enable", UNIT]
         return [*steps, command_step(enable, "start at boot", paths.enabled.is_symlink())]
     changed = not all(s.done for s in steps)
@@ -127,6 +128,15 @@ def install_steps(
         command_step(["systemctl", "enable", UNIT], "start at boot", paths.enabled.is_symlink()),
     ]
     return [*steps, command_step(["systemctl", "restart", UNIT], "now")] if start else steps
+
+
+def _warn_without_command(paths: InstallPaths, command: str) -> None:
+    """Warns where an image lacks the command that its unit starts."""
+    if not os.path.lexists(paths.root / command.lstrip("/")):
+        warn(
+            f"{paths.root} has no {command}, which the unit starts: install the software in the image at the same path, or the "
+            "service does not start"
+        )
 
 
 def user_step(paths: InstallPaths) -> Step:

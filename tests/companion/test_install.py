@@ -11,6 +11,7 @@ import shlex
 import shutil
 import subprocess
 import sys
+import sysconfig
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -67,6 +68,18 @@ def test_into_an_image_once_and_not_twice(image: Path, capsys: pytest.CaptureFix
     assert "@" not in re.sub(r"[~]?@(system-service|privileged|resources)", "", unit)
     assert main(["install", "--root", str(image)]) == 0
     assert lines_of(capsys, "done") == []
+
+
+def test_an_image_without_the_software_is_named(image: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The unit would start a command that is not there, again and again."""
+    command = Path(sysconfig.get_path("scripts")) / "companion"
+    assert main(["install", "--root", str(image), "-c", OAK, "--dry-run"]) == 0
+    assert f"{image} has no {command}, which the unit starts" in capsys.readouterr().err
+    there = image / str(command).lstrip("/")
+    there.parent.mkdir(parents=True)
+    there.touch()
+    assert main(["install", "--root", str(image), "-c", OAK, "--dry-run"]) == 0
+    assert "which the unit starts" not in capsys.readouterr().err
 
 
 @needs("systemctl", "systemd-sysusers", "userdel")
