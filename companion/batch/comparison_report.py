@@ -8,6 +8,8 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, Final
 
+from drivers.shell_word import shell_word
+
 from ..console import counted, print_json, print_line, progress
 from ..viewer.png import drawing_library
 from ..whole_file import whole_file, write_whole
@@ -17,6 +19,8 @@ from .parquet_table import arrow_module
 
 SHOWN: Final = 10
 """Flights to look at."""
+LOOK: Final = "look.parquet"
+"""Rows for `companion find`. Absent where no answer changed by more than numbers."""
 _REPORT: Final = "report.json"
 _SUMMED: Final = ("frames", "only_a", "only_b", "changed", "newly_blind", "newly_valid", "missed", "phantom")
 
@@ -41,7 +45,7 @@ def compare_datasets(
     _delete_earlier_pictures(folder)
     _write_rows(folder / "flights.parquet", [flight.as_row() for flight in found.flights])
     shown = found.worst[:SHOWN]
-    _write_look(folder / "look.parquet", a, b, shown)
+    _write_look(folder / LOOK, a, b, shown)
     if pictures:
         _draw(folder, a, b, found.flights, shown)
     report = summary(found)
@@ -146,4 +150,6 @@ def run_comparison(location_a: str, location_b: str, folder: Path, pictures: boo
             f"{row['phantom']} phantom, {row['changed']} of {row['frames']} changed"
         )
     print_line(f"written: {folder}")
+    if (look := folder / LOOK).exists():
+        print_line(f"next: companion find {shell_word(location_b)} {shell_word(look)} -o CLIPS")
     return 0

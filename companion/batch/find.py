@@ -57,6 +57,12 @@ class Clip:
             "flight_s": round(self.flight_s, 3),
         }
 
+    def as_line(self) -> str:
+        """The line that is printed. Seconds before the first frame of the flight do not count."""
+        begin_s = max(0.0, self.flight_s)
+        seconds = self.flight_s + (self.end_ns - self.begin_ns) / NS - begin_s
+        return f"{self.output}  {seconds:.1f} s of {self.vehicle}/{self.flight} at {begin_s:.1f} s"
+
 
 @dataclass(slots=True)
 class Found:
@@ -198,5 +204,4 @@ def _write(clips: list[Clip], folder: Path, replace: bool, found: Found) -> None
 def _print_found(found: Found, rows: int) -> None:
     print_line(f"{counted(rows, 'row')}, {counted(len(found.clips), 'clip')}")
     for clip in found.clips:
-        seconds = (clip.end_ns - clip.begin_ns) / NS
-        print_line(f"{clip.output}  {seconds:.1f} s of {clip.vehicle}/{clip.flight} at {clip.flight_s:.1f} s")
+        print_line(clip.as_line())

@@ -78,13 +78,16 @@ def test_a_lost_obstacle_ranks_before_a_new_one() -> None:
     assert lost.score < new.score < FlightDifference("v", "more", frames=100, missed=5, changed=5).score
 
 
-def test_equal_datasets_have_no_difference(datasets: tuple[Path, Path], tmp_path: Path) -> None:
+def test_equal_datasets_have_no_difference(
+    datasets: tuple[Path, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     a = str(datasets[0])
     assert main(["batch", "--compare", a, a, "-o", str(tmp_path), "--no-pictures"]) == 0
     report = json.loads((tmp_path / "report.json").read_text())
     assert (report["flights"], report["flights_changed"], report["look_at"]) == (3, 0, [])
     assert report["total"]["missed_planes"] == 0
     assert not (tmp_path / "look.parquet").exists()
+    assert "look.parquet" not in capsys.readouterr().out
 
 
 def test_without_matplotlib_nothing_is_compared(
@@ -115,6 +118,14 @@ def test_another_configuration_is_compared_frame_by_frame(
     changed = sum(f["kind"] != "changed" for f in _look(tmp_path))
     assert changed == sum(total[k] for k in ("missed", "phantom", "newly_blind", "newly_valid")) > 0
     assert len(find_hits(b, str(tmp_path / "look.parquet"))) == changed
+
+
+def test_the_report_names_the_command_that_cuts_out_what_changed(
+    datasets: tuple[Path, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    a, b = map(str, datasets)
+    assert main(["batch", "--compare", a, b, "-o", str(tmp_path), "--no-pictures"]) == 0
+    assert f"next: companion find {b} {tmp_path / 'look.parquet'} -o CLIPS" in capsys.readouterr().out
 
 
 def _look(folder: Path) -> list[dict[str, Any]]:

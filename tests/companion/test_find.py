@@ -149,6 +149,13 @@ def test_a_filter_finds_frames_of_the_right_file(dataset: Path, tmp_path: Path) 
     assert [assert_replays_equally(clip) for clip in clips] == [1, 1]
 
 
+def test_a_clip_begins_with_the_flight(dataset: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Two seconds before the first frame were printed as a part of the clip that begins at -2.0 s."""
+    wanted = '[["flight", "=", "20261101-100000"], ["sequence", "in", [0]]]'
+    assert main(["find", str(dataset), wanted, "--list", "--before", "2", "--after", "0.1"]) == 0
+    assert capsys.readouterr().out.splitlines()[1].endswith("00000.000s.mcap  0.1 s of alpha/20261101-100000 at 0.0 s")
+
+
 def test_the_named_conditions_are_filters_of_existing_columns(dataset: Path) -> None:
     for name, condition in NAMED.items():
         assert {column for column, _, _ in condition.filters} <= {c.name for c in TABLES[condition.table]}
