@@ -53,7 +53,7 @@ def world_bytes(world: World) -> bytes:
 
 
 def worlds() -> Result:
-    """Of each stream: counts, each plane in centimetres with its looks, a digest of all of it."""
+    """Of each stream: counts, each plane in centimetres with its number of observations, a digest of all of it."""
     found: Result = {"made_with": made_with()}
     for name in STREAMS:
         world = merged(observations_of(recording_path(name)))
@@ -103,5 +103,5 @@ def differences(golden: Result, now: Result) -> Iterator[str]:
                 yield f"{name}: {key}: {one} -> {other}"
         if exact and before:
             old, new = (sorted(map(tuple, rows)) for rows in (before["rows"], after["rows"]))
-            yield from (f"{name}: plane gone {row} cm, looks" for row in old if row not in new)
-            yield from (f"{name}: plane new {row} cm, looks" for row in new if row not in old)
+            yield from (f"{name}: plane gone {row} cm, observations" for row in old if row not in new)
+            yield from (f"{name}: plane new {row} cm, observations" for row in new if row not in old)
