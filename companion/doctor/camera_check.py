@@ -76,16 +76,20 @@ def frames_finding(
     measured pixels."""
     span_s = (frames[-1].t_exposure_ns - frames[0].t_exposure_ns) / NS
     hz = (len(frames) - 1) / span_s if span_s > 0.0 else 0.0
+    rate = f"{hz:.1f} Hz, " if len(frames) > 1 else ""
     depth = frames[-1].depth_mm
     measured = float(np.mean(is_measured(depth)))
     delay_ms = median(f.t_arrival_ns - f.t_exposure_ns for f in frames) / 1e6
     text = (
-        f"{depth.shape[1]}x{depth.shape[0]}, {hz:.1f} Hz, {delay_ms:.0f} ms from exposure to arrival, "
+        f"{depth.shape[1]}x{depth.shape[0]}, {rate}{delay_ms:.0f} ms from exposure to arrival, "
         f"{100 * measured:.0f} % of the pixels measured"
     )
     if measured < least_share:
         text += ": too few; check that the lens is clear, the scene is lit and objects are within range"
         return Finding(part, False, text, DiagnosticCode.CAMERA_FEW_MEASURED)
+    if len(frames) == 1:
+        text += ": only one frame arrived, its rate is not measured; --patience gives it more time"
+        return Finding(part, False, text, DiagnosticCode.CAMERA_RATE_LOW)
     if hz < MIN_RATE_SHARE * section.fps:
         text += (
             f": fps = {section.fps:g} is configured; check that the camera is on USB 3 and used by this process only"

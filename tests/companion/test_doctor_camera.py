@@ -53,6 +53,16 @@ def test_where_the_middle_is_not_measured_no_depth_is_stated() -> None:
     assert frames_finding("camera front", SECTION, frames).text.endswith("% of the pixels measured")
 
 
+def test_one_frame_is_not_a_frame_rate() -> None:
+    """A camera that opened just before the patience ended was reported with 0.0 Hz, and with the remedy of a USB 2 port."""
+    finding = frames_finding("camera front", SECTION, frames_of(np.full((60, 80), 1500))[:1])
+    assert not finding.ok
+    assert finding.text == (
+        "80x60, 1 ms from exposure to arrival, 100 % of the pixels measured: only one frame arrived, its rate is not measured; "
+        "--patience gives it more time"
+    )
+
+
 @pytest.mark.parametrize(("min_measured_share", "code"), [(0.02, ""), (0.2, "camera_few_measured")])
 def test_a_camera_whose_frames_are_invalid_is_a_fault(
     min_measured_share: float, code: str, monkeypatch: pytest.MonkeyPatch
