@@ -6,11 +6,28 @@ rest keeps an earlier image. It marks such a buffer as faulty, older versions no
 from __future__ import annotations
 
 import contextlib
+import errno
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Final, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
 
 from ..base import BadData, DeviceNotFound
-from ..optional_library import install_command
+from ..optional_library import optional_module
+
+BUFFERS: Final = 4
+_NO_IMAGES = (
+    "delivers no images: it is no camera, or the second node of one, for its metadata; set the path in /dev/v4l/by-path that "
+    "ends in -video-index0"
+)
+_REMEDIES: Final = {
+    errno.EACCES: "add the user to the group video, and log in again",
+    errno.EBUSY: "another program uses it: end that program",
+    errno.ENOSPC: "no bandwidth is left on its USB bus: connect it to another controller, or lower fps",
+}
+"""Error of the kernel at the opening -> remedy."""
+_REMEDY = "check that it is connected (ls /dev/v4l/by-path), that no other program uses it and that the user is in the group video"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -46,6 +63,13 @@ class RawBuffer:
     stamp_ns: int
     faulty: bool = False
 
+    def pixels(self, size: CaptureFormat, dtype: np.dtype[Any], channels: int = 1) -> NDArray[Any]:
+        """(H, W), or (H, W, channels), of a whole buffer, without the padding of its lines. dtype and channels: of two bytes per pixel."""
+        line, step = self.bytes_per_line or 2 * size.width, dtype.itemsize
+        shape, strides = (size.height, size.width, channels), (line, channels * step, step)
+        found: NDArray[Any] = np.ndarray(shape, dtype, self.data, 0, strides)
+        return np.ascontiguousarray(found if channels > 1 else found[..., 0])
+
 
 class Capture(Protocol):
     """A running stream of one device."""
@@ -59,46 +83,49 @@ class Capture(Protocol):
 
 
 class LinuxpyCapture:
-    """A stream through linuxpy, with memory-mapped buffers."""
+    """A stream through linuxpy, with memory-mapped buffers. Raises DeviceNotFound, and BadData where the device gives another
+    format; a partially opened device is closed."""
 
     def __init__(self, wanted: CaptureFormat) -> None:
-        try:
-            from linuxpy.video import device as v4l2
-        except ImportError as error:
-            raise DeviceNotFound(
-                f"camera {wanted.camera}: linuxpy is not installed; run {install_command('linuxpy>=0.20')}"
-            ) from error
-        self._flag_error = v4l2.BufferFlag.ERROR
-        self._device = v4l2.Device(wanted.device, blocking=False)
+        need = f"camera {wanted.camera}: linuxpy is not installed"
+        self._v4l2 = optional_module("linuxpy.video.device", need, "linuxpy>=0.21")
+        self._device = self._v4l2.Device(wanted.device)
+        self._stream = self._v4l2.VideoCapture(self._device, size=BUFFERS)
         try:
             self._device.open()
-            self._stream = v4l2.VideoCapture(self._device, size=4)
-            self._set_format(wanted)
-            self._stream.open()
-            self._line = self._stream.buffer.format.bytes_per_line
-        except (OSError, v4l2.V4L2Error) as error:
-            self._device.close()
-            raise DeviceNotFound(
-                f"camera {wanted.camera}: {wanted.device} cannot be opened "
-                f"({getattr(error, 'strerror', None) or error}); check that it is connected (ls /dev/v4l/by-path), that "
-                "no other program uses it and that the user is in the group video"
-            ) from error
-        except BadData:
-            self._device.close()
+            self._start(wanted)
+        except OSError as error:
+            self.close()
+            raise DeviceNotFound(f"camera {wanted.camera}: {wanted.device} {_cause(error)}") from error
+        except (DeviceNotFound, BadData):
+            self.close()
             raise
 
-    def _set_format(self, wanted: CaptureFormat) -> None:
-        """Sets the format and reads it back, since the driver may choose another one."""
+    def _start(self, wanted: CaptureFormat) -> None:
+        if self._v4l2.Capability.VIDEO_CAPTURE not in self._device.info.device_capabilities:
+            raise DeviceNotFound(f"camera {wanted.camera}: {wanted.device} {_NO_IMAGES}")
         self._stream.set_format(wanted.width, wanted.height, wanted.pixel_format)
-        got = self._stream.get_format()
-        name = "".join(chr((int(got.pixel_format) >> shift) & 0x7F) for shift in (0, 8, 16, 24))
+        self._line = self._check_format(wanted)
+        self._stream.set_fps(wanted.fps)
+        self._stream.open()
+
+    def _check_format(self, wanted: CaptureFormat) -> int:
+        """Bytes per line. Raises BadData where the driver chose another format."""
+        # linuxpy's get_format raises ValueError for a pixel format that it does not know
+        got = self._v4l2.get_raw_format(self._device.fileno(), self._stream.type).fmt.pix
+        name = int(got.pixelformat).to_bytes(4, "little").decode("latin-1")
         if (got.width, got.height, name) != (wanted.width, wanted.height, wanted.pixel_format):
             raise BadData(
                 f"camera {wanted.camera}: requested {wanted.width}x{wanted.height} {wanted.pixel_format.strip()}, the device "
-                f"gives {got.width}x{got.height} {name.strip()}; `v4l2-ctl -d {wanted.device} --list-formats-ext` "
-                f"lists the supported formats{wanted.hint}"
+                f"gives {got.width}x{got.height} {name.strip() if name.isprintable() else 'an unknown format'}; "
+                f"`v4l2-ctl -d {wanted.device} --list-formats-ext` lists the supported formats{wanted.hint}"
             )
-        self._stream.set_fps(wanted.fps)
+        if 0 < got.bytesperline < 2 * wanted.width:
+            raise BadData(
+                f"camera {wanted.camera}: the driver of {wanted.device} states {got.bytesperline} bytes per line of {wanted.width} "
+                "pixels; update the kernel, or set width_px to another width of the camera"
+            )
+        return int(got.bytesperline)
 
     def fileno(self) -> int:
         """The file descriptor for select."""
@@ -113,11 +140,24 @@ class LinuxpyCapture:
             self._line,
             int(frame.frame_nb),
             stamp.secs * 1_000_000_000 + stamp.usecs * 1000,
-            bool(self._flag_error in frame.flags),
+            bool(self._v4l2.BufferFlag.ERROR in frame.flags),
         )
 
     def close(self) -> None:
-        """Stops the stream. May be called twice; an unplugged device cannot be stopped."""
-        with contextlib.suppress(OSError):
-            self._stream.close()
+        """Stops the stream and releases its buffers: each holds the device open. May be called twice."""
+        if self._device.closed:
+            return
+        buffers: Any = self._stream.buffer
+        with contextlib.suppress(OSError):  # of an unplugged device
+            self._stream.stream_off()
+        if buffers is not None:
+            with contextlib.suppress(OSError):
+                buffers.close()
         self._device.close()
+
+
+def _cause(error: OSError) -> str:
+    """The end of the message for a device that does not open."""
+    if error.errno == errno.ENOTTY:
+        return _NO_IMAGES
+    return f"cannot be opened ({error.strerror or error}); {_REMEDIES.get(error.errno or 0, _REMEDY)}"

@@ -1,11 +1,11 @@
 """Images of both eyes side by side, from a USB video device through the kernel's driver, or from a video file.
 
 OpenCV reads files. It does not read devices: it delivers buffers that arrived in part as whole images, without what the kernel
-says about them."""
+says about them (docs/explanation/stereo-depth.md)."""
 
 from __future__ import annotations
 
-import select
+import time
 from collections.abc import Callable
 from typing import Protocol
 
@@ -13,89 +13,69 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from ..base import DeviceLost, DeviceNotFound
 from .kernel_capture import Capture, CaptureFormat, LinuxpyCapture, RawBuffer
+from .whole_buffers import WholeBuffers
 
-SILENT_S = 5.0
-"""A device that delivers nothing for this time is lost."""
-_BYTES_PER_PIXEL = 2
 _HINT = "; set width_px and height_px to a format of the camera"
+StampedImage = tuple[NDArray[np.uint8], int]
+"""Image (H, W, 3) uint8, BGR, and its stamp, ns on CLOCK_MONOTONIC."""
 
 
-class Video(Protocol):
-    """The used interface of cv2.VideoCapture."""
+class PairVideo(Protocol):
+    """An opened device or file."""
 
-    def isOpened(self) -> bool: ...
-    def read(self) -> tuple[bool, NDArray[np.uint8] | None]:
-        """(False, None): lost; (True, None): an image that arrived in part; else the image (H, W, 3) uint8, BGR."""
+    def read(self, timeout_s: float) -> StampedImage | None:
+        """The newest image, None after timeout_s. Raises DeviceLost, and BadData where images always arrive in part."""
         ...
 
-    def get(self, prop: int) -> float:
-        """CAP_PROP_POS_MSEC: stamp of the last image, milliseconds."""
+    def close(self) -> None:
+        """May be called twice."""
         ...
 
-    def release(self) -> None: ...
 
-
-class KernelVideo:
-    """YUYV images of a device. `connect` opens it; tests pass their own. Raises DeviceNotFound and BadData."""
+class DeviceVideo:
+    """YUYV images of a device with the kernel's stamps. `connect` opens it; tests pass their own. Raises DeviceNotFound and BadData."""
 
     def __init__(self, wanted: CaptureFormat, connect: Callable[[CaptureFormat], Capture] = LinuxpyCapture) -> None:
         self._wanted = wanted
-        self._capture: Capture | None = connect(wanted)
-        self._stamp_ns = 0
+        self._buffers = WholeBuffers(wanted, connect)
 
-    def isOpened(self) -> bool:
-        """Whether it was not released."""
-        return self._capture is not None
+    def read(self, timeout_s: float) -> StampedImage | None:
+        """See PairVideo."""
+        buffer = self._buffers.newest(timeout_s)
+        return None if buffer is None else (image_from_buffer(buffer, self._wanted), buffer.stamp_ns)
 
-    def read(self) -> tuple[bool, NDArray[np.uint8] | None]:
-        """The newest image, see Video."""
-        newest: RawBuffer | None = None
-        try:
-            while (buffer := self._next(SILENT_S if newest is None else 0.0)) is not None:
-                newest = buffer
-        except (OSError, ValueError):  # unplugged; linuxpy raises the latter for a closed file
-            return False, None
-        if newest is None:
-            return False, None
-        self._stamp_ns = newest.stamp_ns
-        return True, image_from_buffer(newest, self._wanted)
-
-    def _next(self, wait_s: float) -> RawBuffer | None:
-        """The next buffer, None after wait_s. Raises OSError where the device reports an error."""
-        if self._capture is None:
-            return None
-        ready, _, broken = select.select([self._capture], [], [self._capture], wait_s)
-        if broken:
-            raise OSError("the device reports an error")
-        return self._capture.read() if ready else None
-
-    def get(self, prop: int) -> float:
-        """See Video."""
-        return self._stamp_ns / 1e6 if prop == cv2.CAP_PROP_POS_MSEC else 0.0
-
-    def release(self) -> None:
-        """Closes the device. May be called twice."""
-        capture, self._capture = self._capture, None
-        if capture is not None:
-            capture.close()
+    def close(self) -> None:
+        """See PairVideo."""
+        self._buffers.close()
 
 
-def image_from_buffer(buffer: RawBuffer, wanted: CaptureFormat) -> NDArray[np.uint8] | None:
-    """(H, W, 3) uint8 BGR of a YUYV buffer, None where not all of it arrived."""
-    line = buffer.bytes_per_line or _BYTES_PER_PIXEL * wanted.width
-    if not wanted.is_whole(buffer) or line < _BYTES_PER_PIXEL * wanted.width:
-        return None
-    padded = np.zeros((wanted.height, line), np.uint8)
-    data = np.frombuffer(buffer.data, np.uint8, min(len(buffer.data), padded.size))
-    padded.reshape(-1)[: len(data)] = data
-    yuyv = padded[:, : _BYTES_PER_PIXEL * wanted.width].reshape(wanted.height, wanted.width, _BYTES_PER_PIXEL)
+class FileVideo:
+    """Images of a file, stamped as they are read. Raises DeviceNotFound."""
+
+    def __init__(self, camera: str, path: str) -> None:
+        self._name = f"camera {camera}: {path}"
+        self._video = cv2.VideoCapture(path, cv2.CAP_FFMPEG)
+        if not self._video.isOpened():
+            raise DeviceNotFound(f"{self._name} cannot be opened; set device to a video file or to a device below /dev")
+
+    def read(self, timeout_s: float) -> StampedImage | None:
+        """See PairVideo."""
+        good, image = self._video.read()
+        if not good:
+            raise DeviceLost(f"{self._name} has no more images")
+        return np.asarray(image, np.uint8), time.monotonic_ns()
+
+    def close(self) -> None:
+        """See PairVideo."""
+        self._video.release()
+
+
+def image_from_buffer(buffer: RawBuffer, wanted: CaptureFormat) -> NDArray[np.uint8]:
+    """(H, W, 3) uint8 BGR of a whole YUYV buffer."""
+    yuyv = buffer.pixels(wanted, np.dtype(np.uint8), 2)
     return np.asarray(cv2.cvtColor(yuyv, cv2.COLOR_YUV2BGR_YUYV), np.uint8)
-
-
-def open_video(wanted: CaptureFormat, is_device: bool) -> Video:
-    """Opens the device, or a video file in its place. Raises DeviceNotFound and BadData for a device."""
-    return KernelVideo(wanted) if is_device else cv2.VideoCapture(wanted.device, cv2.CAP_FFMPEG)
 
 
 def pair_format(camera: str, device: str, size: tuple[int, int], fps: float) -> CaptureFormat:

@@ -40,13 +40,11 @@ class TornImageCheck:
     _images: deque[NDArray[np.uint8]] = field(default_factory=lambda: deque(maxlen=BUFFERS))
     _torn: int = 0
 
-    def is_torn(self, image: NDArray[np.uint8] | None) -> bool:
-        """Whether an image (H, W, C) ends as an earlier one, or as a buffer that was not filled; None: the kernel's driver reports that it
-        arrived in part. An image that equals the one before is not torn: it is repeated, which the supervision of the camera
-        judges. Raises BadData where many are torn in a row."""
-        torn = image is None or self._shows_tear(image)
-        if image is not None:
-            self._images.append(image)
+    def is_torn(self, image: NDArray[np.uint8]) -> bool:
+        """Whether an image (H, W, C) ends as an earlier one, or as a buffer that was not filled. An image that equals the one before is
+        not torn: it is repeated, which the supervision of the camera judges. Raises BadData where many are torn in a row."""
+        torn = self._shows_tear(image)
+        self._images.append(image)
         self._torn = self._torn + 1 if torn else 0
         if self._torn >= MOST_IN_A_ROW:
             raise BadData(

@@ -5,7 +5,6 @@ the middle of the exposure (`exposure_latency_s`), the depth unit and the intrin
 
 from __future__ import annotations
 
-import select
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -15,12 +14,10 @@ from numpy.typing import NDArray
 
 from core.types import FAR_MM, SATURATED_MM, UNKNOWN_MM, CameraInfo, DepthFrame, Intrinsics
 
-from ..base import BadData, DeviceLost, DeviceNotFound
+from ..base import DeviceNotFound
 from .kernel_capture import Capture, CaptureFormat, LinuxpyCapture, RawBuffer
 from .kernel_stamps import KernelStamps
-
-MOST_IN_A_ROW = 10
-"""Number of buffers that may be filled in part, one after the other."""
+from .whole_buffers import WholeBuffers
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -64,9 +61,8 @@ class V4l2Source:
     def __init__(self, settings: V4l2Settings, connect: Callable[[CaptureFormat], Capture] = LinuxpyCapture) -> None:
         self._settings = settings
         self._connect = connect
-        self._capture: Capture | None = None
+        self._buffers: WholeBuffers | None = None
         self._stamps = KernelStamps(settings.camera)
-        self._partial = 0
 
     @property
     def info(self) -> CameraInfo:
@@ -83,49 +79,21 @@ class V4l2Source:
 
     def open(self) -> None:
         """Opens the stream. Raises DeviceNotFound and BadData."""
-        self._capture = self._connect(self._settings.capture)
+        self._stamps = KernelStamps(self._settings.camera)
+        self._buffers = WholeBuffers(self._settings.capture, self._connect)
 
     def close(self) -> None:
         """Closes the stream. May be called twice."""
-        capture, self._capture = self._capture, None
-        if capture is not None:
-            capture.close()
+        buffers, self._buffers = self._buffers, None
+        if buffers is not None:
+            buffers.close()
 
     def read(self, timeout_s: float) -> DepthFrame | None:
         """The newest undelivered frame, or None after timeout_s. Raises DeviceLost and BadData."""
-        if self._capture is None:
+        if self._buffers is None:
             raise DeviceNotFound(f"camera {self._settings.camera}: not open; call open() first")
-        until_s = time.monotonic() + timeout_s
-        newest: RawBuffer | None = None
-        while True:
-            wait_s = 0.0 if newest is not None else max(0.0, until_s - time.monotonic())
-            try:
-                ready, _, broken = select.select([self._capture], [], [self._capture], wait_s)
-                if broken:
-                    raise OSError("the device reports an error")
-                if not ready:
-                    break
-                buffer = self._capture.read()
-            except (OSError, ValueError) as error:
-                reason = getattr(error, "strerror", None) or error
-                raise DeviceLost(
-                    f"camera {self._settings.camera}: {self._settings.device} was lost ({reason}); check cable and "
-                    "power"
-                ) from error
-            if self._is_whole(buffer):
-                newest = buffer
-        return self._frame(newest) if newest is not None else None
-
-    def _is_whole(self, buffer: RawBuffer) -> bool:
-        """Whether all of a buffer arrived: not every kernel reports missing data. Raises BadData after many that did not."""
-        whole = self._settings.capture.is_whole(buffer)
-        self._partial = 0 if whole else self._partial + 1
-        if self._partial >= MOST_IN_A_ROW:
-            raise BadData(
-                f"camera {self._settings.camera}: the last {self._partial} buffers were filled in part only; check the cable, use "
-                "a USB 3 port of its own, lower fps, or set width_px and height_px to the camera's format"
-            )
-        return whole
+        buffer = self._buffers.newest(timeout_s)
+        return None if buffer is None else self._frame(buffer)
 
     def _frame(self, buffer: RawBuffer) -> DepthFrame:
         arrival_ns = time.monotonic_ns()
@@ -141,23 +109,8 @@ class V4l2Source:
 
 
 def depth_from_buffer(buffer: RawBuffer, settings: V4l2Settings) -> NDArray[np.uint16]:
-    """(H, W) uint16 millimetres of a Z16 buffer; beyond 65.5 m, and where the raw value is 65535, is no measurement. Raises
-    BadData."""
-    width, height = settings.intrinsics.width, settings.intrinsics.height
-    line = buffer.bytes_per_line or 2 * width
-    needed = settings.capture.least_bytes(buffer.bytes_per_line)
-    if line < 2 * width or len(buffer.data) < needed:
-        raise BadData(
-            f"camera {settings.camera}: a buffer of {len(buffer.data)} bytes, {line} per line, is too small for "
-            f"{width}x{height} pixels; set width_px and height_px to the camera's format"
-        )
-    padded = np.frombuffer(buffer.data, np.uint8, needed)
-    if line == 2 * width:
-        units = padded.view("<u2").reshape(height, width)
-    else:
-        rows = np.zeros((height, line), np.uint8)
-        rows.reshape(-1)[: len(padded)] = padded
-        units = np.ascontiguousarray(rows[:, : 2 * width]).view("<u2")
+    """(H, W) uint16 millimetres of a whole Z16 buffer; beyond 65.5 m, and where the raw value is 65535, is no measurement."""
+    units = buffer.pixels(settings.capture, np.dtype("<u2"))
     if settings.depth_unit_mm == 1.0:
         return np.where(units < FAR_MM, units, np.uint16(UNKNOWN_MM))
     mm = units * np.float64(settings.depth_unit_mm) + 0.5

@@ -17,7 +17,7 @@ from core.types import CameraInfo, DepthFrame
 
 from ..base import BadData, DeviceLost, DeviceNotFound
 from .kernel_stamps import KernelStamps
-from .pair_video import Video, open_video, pair_format
+from .pair_video import DeviceVideo, FileVideo, PairVideo, StampedImage, pair_format
 from .row_alignment import RowAlignment
 from .stereo import MatchParams, StereoDepth
 from .stereo_errors import bias_coefficient, noise_coefficient
@@ -26,6 +26,8 @@ from .zed_calibration import StereoCalibration, load_zed_calibration
 
 DISPARITY_SIGMA_PX = 0.3
 """Prior of the matching noise; the extractor measures the actual noise."""
+FIRST_IMAGE_S = 5.0
+"""Longest wait for each image that the opening needs."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -50,10 +52,11 @@ class ZedSettings:
         return self.device.startswith("/dev/")
 
 
-def open_device(settings: ZedSettings) -> Video:
+def open_video(settings: ZedSettings) -> PairVideo:
     """Opens the device, or a video file in its place. Raises DeviceNotFound and BadData."""
-    size = settings.width, settings.height
-    return open_video(pair_format(settings.camera, settings.device, size, settings.fps), settings.is_device)
+    if not settings.is_device:
+        return FileVideo(settings.camera, settings.device)
+    return DeviceVideo(pair_format(settings.camera, settings.device, (settings.width, settings.height), settings.fps))
 
 
 class ZedSource:
@@ -62,14 +65,14 @@ class ZedSource:
     def __init__(
         self,
         settings: ZedSettings,
-        connect: Callable[[ZedSettings], Video] = open_device,
+        connect: Callable[[ZedSettings], PairVideo] = open_video,
         calibration: StereoCalibration | None = None,
     ) -> None:
         self._settings, self._connect, self._given = settings, connect, calibration
-        self._video: Video | None = None
+        self._video: PairVideo | None = None
         self._stereo: StereoDepth | None = None
         self._sequence = 0
-        self._first: tuple[NDArray[np.uint8], int] | None = None
+        self._first: StampedImage | None = None
         self._stamps = KernelStamps(settings.camera)
         self._torn = TornImageCheck(settings.camera)
         self._rows = self._alignment()
@@ -103,18 +106,13 @@ class ZedSource:
         s = self._settings
         calibration = self._given or load_zed_calibration(s.calibration, s.width, s.height)
         self._stereo, self._rows = StereoDepth(calibration, s.match), self._alignment()
+        self._stamps, self._torn = KernelStamps(s.camera), TornImageCheck(s.camera)
         self._video = self._connect(s)
         try:
-            if not self._video.isOpened():
-                raise DeviceNotFound(
-                    f"camera {s.camera}: {s.device} cannot be opened; check that it is connected (ls /dev/v4l/by-id), "
-                    "that no other program uses it and that the user is in the group video"
-                )
             measured = True
             while measured and not self._rows.settled:
-                self._first = self._image()
-                if self._first is not None:
-                    measured = self._check(self._first[0])
+                self._first = self._awaited_image()
+                measured = self._check(self._first[0])
             self._rows.opened(self._stereo.intrinsics)
         except (DeviceNotFound, DeviceLost, BadData):
             self.close()
@@ -124,15 +122,14 @@ class ZedSource:
         """Closes the device. May be called twice."""
         video, self._video = self._video, None
         if video is not None:
-            video.release()
+            video.close()
 
     def read(self, timeout_s: float) -> DepthFrame | None:
-        """The next frame; None for an image that arrived in part. The device sets the rate, the driver buffers one image. Raises
-        DeviceLost and BadData."""
+        """The newest undelivered frame, or None after timeout_s, and for an image that is torn. Raises DeviceLost and BadData."""
         s = self._settings
         taken, self._first = self._first, None
         if taken is None:
-            taken = self._image()
+            taken = self._image(timeout_s)
             if taken is None:
                 return None
             if self._rows.due:
@@ -157,24 +154,35 @@ class ZedSource:
             s.camera, f"{s.calibration} belongs to another camera, or this camera was bent", corrects=True
         )
 
-    def _image(self) -> tuple[NDArray[np.uint8], int] | None:
-        """(image, kernel's stamp) of the next pair; None for one that arrived in part. Raises DeviceLost and BadData."""
-        s, video = self._settings, self._video
-        if video is None:
+    def _awaited_image(self) -> StampedImage:
+        """The next image of the opening. Raises DeviceLost after FIRST_IMAGE_S, and BadData."""
+        until_s = time.monotonic() + FIRST_IMAGE_S
+        while (left_s := until_s - time.monotonic()) > 0.0:
+            if (taken := self._image(left_s)) is not None:
+                return taken
+        raise DeviceLost(
+            f"camera {self._settings.camera}: {self._settings.device} delivers no images; use a USB 3 port and cable, lower fps, and "
+            "plug the camera in again"
+        )
+
+    def _image(self, timeout_s: float) -> StampedImage | None:
+        """The newest image; None after timeout_s, and for a torn one. Raises DeviceLost and BadData."""
+        s = self._settings
+        if self._video is None:
             raise DeviceNotFound(f"camera {s.camera}: not open; call open() first")
-        good, image = video.read()
-        now_ns = time.monotonic_ns()
-        if not good:
-            raise DeviceLost(f"camera {s.camera}: {s.device} delivers no images any more; check cable and power")
-        if image is not None and image.shape[:2] != (s.height, 2 * s.width):
+        taken = self._video.read(timeout_s)
+        if taken is None:
+            return None
+        image, stamp_ns = taken
+        if image.shape[:2] != (s.height, 2 * s.width):
             raise BadData(
                 f"camera {s.camera}: images of {image.shape[1]}x{image.shape[0]}, expected {2 * s.width}x{s.height} "
                 "(both eyes side by side); set width_px and height_px to the camera's format"
             )
-        if not s.is_device:  # a file has a time of its own, and no buffers
-            return None if image is None else (image, now_ns)
-        stamp_ns = self._stamps.accepted_ns(round(video.get(cv2.CAP_PROP_POS_MSEC) * 1e6), now_ns)
-        return None if self._torn.is_torn(image) or image is None else (image, stamp_ns)
+        if not s.is_device:  # a file has no buffers that are filled again
+            return taken
+        stamp_ns = self._stamps.accepted_ns(stamp_ns, time.monotonic_ns())
+        return None if self._torn.is_torn(image) else (image, stamp_ns)
 
     def _check(self, image: NDArray[np.uint8]) -> bool:
         """Checks the calibration and aligns the rows; returns whether these could be measured. Raises BadData."""

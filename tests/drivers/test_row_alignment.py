@@ -18,6 +18,7 @@ from core.types import is_measured
 from drivers.base import BadData
 from drivers.cameras import row_alignment
 from drivers.cameras.corner_matches import CornerMatches, match_corners, refined
+from drivers.cameras.pair_video import StampedImage
 from drivers.cameras.right_rotation import STRETCH_SLACK_PX, RightRotation, measure_rotation
 from drivers.cameras.row_alignment import FAULTS, MEASUREMENTS, NEWEST, RowAlignment
 from drivers.cameras.stereo import StereoDepth
@@ -268,23 +269,15 @@ BLANK = np.clip(
 
 @dataclass
 class Video:
-    """cv2.VideoCapture's side of things: these images, then the last one for ever."""
+    """A device that delivers these images, then the last one for ever."""
 
     images: list[NDArray[np.uint8]]
 
-    def isOpened(self) -> bool:
-        return True
+    def read(self, timeout_s: float) -> StampedImage | None:
+        image = self.images.pop(0) if len(self.images) > 1 else self.images[0]
+        return image, time.monotonic_ns()
 
-    def read(self) -> tuple[bool, NDArray[np.uint8]]:
-        return True, self.images.pop(0) if len(self.images) > 1 else self.images[0]
-
-    def get(self, prop: int) -> float:
-        return time.monotonic_ns() / 1e6
-
-    def set(self, prop: int, value: float) -> bool:
-        return True
-
-    def release(self) -> None:
+    def close(self) -> None:
         pass
 
 

@@ -15,7 +15,8 @@ from core.types import FAR_MM, SATURATED_MM, Intrinsics, is_measured
 from drivers.base import BadData, DeviceLost, DeviceNotFound
 from drivers.cameras.kernel_capture import CaptureFormat, RawBuffer
 from drivers.cameras.kernel_stamps import AHEAD_NS, KernelStamps
-from drivers.cameras.v4l2_depth import MOST_IN_A_ROW, V4l2Settings, V4l2Source, depth_from_buffer
+from drivers.cameras.v4l2_depth import V4l2Settings, V4l2Source, depth_from_buffer
+from drivers.cameras.whole_buffers import MOST_IN_A_ROW
 
 SIZE = Intrinsics(32, 16, 30.0, 30.0, 15.5, 7.5)
 SETTINGS = V4l2Settings(camera="front", device="/dev/video9", intrinsics=SIZE, exposure_latency_s=0.012)
@@ -133,7 +134,9 @@ def test_buffers_that_are_always_filled_in_part_name_the_causes() -> None:
     source, stream = opened()
     for k in range(MOST_IN_A_ROW):
         stream.fill(short(k) if k % 2 else buffer(k, faulty=True))
-    with pytest.raises(BadData, match="the last 10 buffers were filled in part only; check the cable"):
+    with pytest.raises(
+        BadData, match=r"the last 10 images arrived in part only; check the cable.*set width_px and height_px"
+    ):
         source.read(0.0)
 
 
@@ -184,7 +187,8 @@ def test_a_stamp_a_little_ahead_is_now() -> None:
 def test_padded_lines_are_cut() -> None:
     rows = np.zeros((16, 40), np.uint16)
     rows[:, :32] = pixels()
-    assert np.array_equal(depth_from_buffer(buffer(data=rows.tobytes(), bytes_per_line=80), SETTINGS), pixels())
+    for data in (rows.tobytes(), rows.tobytes()[:-16]):  # the last line may have no padding
+        assert np.array_equal(depth_from_buffer(buffer(data=data, bytes_per_line=80), SETTINGS), pixels())
 
 
 def test_a_depth_of_65_m_is_no_statement_that_all_before_is_free() -> None:
@@ -215,12 +219,6 @@ def test_the_greatest_value_is_no_distance_in_any_unit(unit_mm: float) -> None:
     assert (mm[4] == round(5000 * unit_mm)).all()
 
 
-@pytest.mark.parametrize(("size", "line"), [(100, 64), (1024, 32)])
-def test_a_buffer_of_another_size_names_the_setting(size: int, line: int) -> None:
-    with pytest.raises(BadData, match="set width_px and height_px"):
-        depth_from_buffer(buffer(data=bytes(size), bytes_per_line=line), SETTINGS)
-
-
 def test_a_device_that_is_not_there(tmp_path: Path) -> None:
     settings = V4l2Settings(camera="front", device=str(tmp_path / "video7"), intrinsics=SIZE)
     with pytest.raises(DeviceNotFound, match="check that it is connected"):
@@ -232,5 +230,5 @@ def test_a_device_that_is_not_there(tmp_path: Path) -> None:
 def test_a_file_that_is_no_camera(tmp_path: Path) -> None:
     (tmp_path / "video7").write_bytes(b"")
     settings = V4l2Settings(camera="front", device=str(tmp_path / "video7"), intrinsics=SIZE)
-    with pytest.raises(DeviceNotFound, match="cannot be opened"):
+    with pytest.raises(DeviceNotFound, match=r"it is no camera.* in /dev/v4l/by-path"):
         V4l2Source(settings).open()

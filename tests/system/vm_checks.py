@@ -34,17 +34,17 @@ CAMERA = """
 import json, os, time
 from core.types import Intrinsics
 from drivers.base import DeviceLost, DeviceNotFound
-from drivers.cameras.pair_video import KernelVideo, pair_format
+from drivers.cameras.pair_video import DeviceVideo, pair_format
 from drivers.cameras.v4l2_depth import V4l2Settings, V4l2Source
 
 WIDTH, HEIGHT, FPS, WANTED = 320, 180, 10.0, 12
 from linuxpy.video.device import Device
 with Device("/dev/video0") as device:  # else it stamps with the end of the frame, before that is
     device.controls["timestamp_source"].value = 1
-video = KernelVideo(pair_format("front", "/dev/video0", (320, 360), FPS))  # of both eyes, as a ZED sends them
-_, image = video.read()
-pair = dict(pair_shape=image.shape, pair_age_ms=time.monotonic_ns() / 1e6 - video.get(0), pair_levels=len(set(image.ravel().tolist())))
-video.release()
+video = DeviceVideo(pair_format("front", "/dev/video0", (320, 360), FPS))  # of both eyes, as a ZED sends them
+image, stamp_ns = video.read(60.0)
+pair = dict(pair_shape=image.shape, pair_age_ms=(time.monotonic_ns() - stamp_ns) / 1e6, pair_levels=len(set(image.ravel().tolist())))
+video.close()
 intrinsics = Intrinsics(WIDTH, HEIGHT, 190.0, 190.0, 160.0, 90.0)
 settings = V4l2Settings(camera="front", device="/dev/video0", intrinsics=intrinsics, fps=FPS, pixel_format="Y16 ")
 source = V4l2Source(settings)
