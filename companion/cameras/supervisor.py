@@ -41,6 +41,7 @@ _STALLED_NS = NS // 2
 """After a longer time between two reads this process did not run, and the camera process probably did not either: it was
 paused, or the computer had no memory or processor time. The camera gets the full time before a restart again."""
 _NO_RESOURCES = "its process cannot be started or read"
+NO_FRAME_REMEDY = "check cable and power, and that it is on USB 3"
 _STABLE_RUN_S = 3.0
 """A camera that delivered frames for this long after its start is restarted without delay; otherwise the delay grows.
 """
@@ -235,7 +236,7 @@ class CameraSupervisor:
         p, status = self._params, self._status
         if opened_ns is None:
             late_s = (now_ns - max(begun_ns, self._stalled_ns)) / NS
-            return f"the camera did not open within {p.open_s:g} s" if late_s > p.open_s else ""
+            return f"the camera did not open within {p.open_s:g} s; {NO_FRAME_REMEDY}" if late_s > p.open_s else ""
         last_ns = max(opened_ns, status.last_arrival_ns or 0)
         silent_s = (now_ns - last_ns) / NS
         if silent_s > p.silent_s:
@@ -246,7 +247,7 @@ class CameraSupervisor:
         delivered = status.last_arrival_ns is not None and status.last_arrival_ns >= opened_ns
         counted_s = min(silent_s, (now_ns - self._stalled_ns) / NS)
         if counted_s > (p.restart_s if delivered else p.open_s):
-            return f"silent for {silent_s:.1f} s"
+            return f"silent for {silent_s:.1f} s; {NO_FRAME_REMEDY}"
         if status.condition is CameraCondition.FROZEN and now_ns - status.since_ns > p.restart_s * NS:
             return status.cause
         return ""

@@ -11,7 +11,8 @@ from core.types import CameraInfo, DepthFrame, is_measured
 
 from ..autopilot.clear_sectors import OpenedCamera, never_clear_texts
 from ..cameras.masks import outside_text, unmeasured_mask
-from ..cameras.supervisor import CameraSupervisor
+from ..cameras.status import CameraStatus
+from ..cameras.supervisor import NO_FRAME_REMEDY, CameraSupervisor
 from ..config.camera import CameraConfig
 from ..config.camera_kinds import RECORDED, live_kinds
 from ..config.loader import Config
@@ -59,14 +60,29 @@ def camera_finding(section: CameraConfig, config: Config, patience_s: float) -> 
     finally:
         supervisor.close()
     if not frames:
-        cause = status.last_loss or status.cause or "the camera opened and sent no frame"
-        if not status.last_loss:
-            cause += f" (for {patience_s:g} s; --patience gives it more time)"
-        return Finding(part, False, f"no frame: {cause}", DiagnosticCode.CAMERA_UNAVAILABLE), None
+        text = f"no frame: {_no_frame_cause(status, patience_s)}"
+        return Finding(part, False, text, DiagnosticCode.CAMERA_UNAVAILABLE), None
+    if status.last_loss:
+        text = f"lost after {len(frames)} frames: {_without_name(status.last_loss, section.name)}"
+        return Finding(part, False, text, DiagnosticCode.CAMERA_UNAVAILABLE), None
     finding = frames_finding(part, section, frames, max(MIN_MEASURED_SHARE, least_share))
     if finding.ok and status.notice:
         finding = Finding(part, False, status.notice, DiagnosticCode.CAMERA_MISALIGNED)
     return finding, infos[-1] if infos else None
+
+
+def _no_frame_cause(status: CameraStatus, patience_s: float) -> str:
+    """Why a camera gave no frame, with the remedy."""
+    if status.last_loss:
+        return _without_name(status.last_loss, status.camera)
+    opened = status.info is not None
+    cause = f"it opened and sends none; {NO_FRAME_REMEDY}" if opened else _without_name(status.cause, status.camera)
+    return f"{cause} (for {patience_s:g} s; --patience gives it more time)"
+
+
+def _without_name(cause: str, camera: str) -> str:
+    """A driver's message without the name of the camera, with which each finding begins."""
+    return cause.removeprefix(f"camera {camera}: ")
 
 
 def frames_finding(

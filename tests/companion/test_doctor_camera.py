@@ -13,7 +13,7 @@ from companion.config.loader import Config
 from companion.doctor import camera_check
 from companion.doctor.camera_check import camera_finding, frames_finding, middle_depth_m
 from core.params import Params
-from core.types import DepthFrame
+from core.types import CameraInfo, DepthFrame, Intrinsics
 
 NS = 1_000_000_000
 SECTION = CameraConfig(name="front", kind="oak")
@@ -86,13 +86,52 @@ def test_a_camera_whose_calibration_is_inaccurate_is_named(monkeypatch: pytest.M
     assert "differ by up to 0.8 px" in finding.text
 
 
-def give(monkeypatch: pytest.MonkeyPatch, depth: np.ndarray, notice: str = "") -> None:
-    """Lets the camera of the doctor deliver frames of one image."""
+@pytest.mark.parametrize(
+    ("loss", "text"),
+    [
+        (
+            "camera front: the device was lost (X_LINK_ERROR); check cable and power",
+            "lost after 4 frames: the device was lost (X_LINK_ERROR); check cable and power",
+        ),
+        ("the same image 91 times in a row", "lost after 4 frames: the same image 91 times in a row"),
+    ],
+)
+def test_a_camera_that_was_lost_during_the_check_is_a_fault(
+    loss: str, text: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One that restarts a second after its start was ok; of one that is frozen the frame rate was reported."""
+    give(monkeypatch, np.full((60, 80), 1500), last_loss=loss)
+    finding, _ = camera_finding(SECTION, Config(), 0.0)
+    assert not finding.ok
+    assert finding.text == text
+    assert finding.code == "camera_unavailable"
+
+
+def test_a_camera_that_opened_and_is_silent_is_named_with_a_remedy(monkeypatch: pytest.MonkeyPatch) -> None:
+    info = CameraInfo("front", Intrinsics(80, 60, 40.0, 40.0, 39.5, 29.5))
+    give(monkeypatch, None, condition=CameraCondition.SILENT, cause="no frame for 25.0 s", info=info)
+    finding, _ = camera_finding(SECTION, Config(), 0.01)
+    assert finding.text.startswith(
+        "no frame: it opened and sends none; check cable and power, and that it is on USB 3 ("
+    )
+
+
+def test_the_name_of_a_camera_is_stated_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """`camera front: no frame: camera front: no OAK device`."""
+    give(monkeypatch, None, condition=CameraCondition.LOST, last_loss="camera front: no OAK device; check the cable")
+    finding, _ = camera_finding(SECTION, Config(), 0.0)
+    assert (finding.part, finding.text) == ("camera front", "no frame: no OAK device; check the cable")
+
+
+def give(monkeypatch: pytest.MonkeyPatch, depth: np.ndarray | None, **state: object) -> None:
+    """Lets the camera of the doctor deliver frames of one image (None: no frames). state: of its status."""
 
     class Opened:
         """A camera that gives its frames when it is opened."""
 
-        status = CameraStatus(camera="front", condition=CameraCondition.RUNNING, cause="", since_ns=0, notice=notice)
+        status = CameraStatus(
+            **{"camera": "front", "condition": CameraCondition.RUNNING, "cause": "", "since_ns": 0, **state}
+        )
 
         def __init__(
             self, section: object, on_info: object, on_frame: Callable[[DepthFrame], None], *_: object, **__: object
@@ -100,7 +139,7 @@ def give(monkeypatch: pytest.MonkeyPatch, depth: np.ndarray, notice: str = "") -
             self._on_frame = on_frame
 
         def open(self) -> None:
-            for frame in frames_of(depth):
+            for frame in frames_of(depth) if depth is not None else ():
                 self._on_frame(frame)
 
         def close(self) -> None:
