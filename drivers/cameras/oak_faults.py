@@ -11,6 +11,7 @@ import re
 from collections.abc import Iterable
 
 from ..base import BadData
+from ..optional_library import install_command
 
 SENSOR = "OV7251"
 FIRST_FAULTY, FIRST_UNKNOWN = (3, 7), (3, 11)
@@ -25,7 +26,7 @@ def refuse_known_fault(sensors: Iterable[str], version: str, camera: str) -> Non
         return
     raise BadData(
         f"camera {camera}: devices with {SENSOR} cameras, as the OAK-D Lite, restart without an image with DepthAI 3.7 to 3.10, "
-        f"installed is {version}. Install a version that works with them: pip install depthai=={WORKING}"
+        f"installed is {version}. Install a version that works with them: {install_command(f'depthai=={WORKING}')}"
     )
 
 

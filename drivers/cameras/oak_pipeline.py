@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import time
 from dataclasses import dataclass, field
 from datetime import timedelta
 from typing import Any, Protocol
@@ -12,6 +11,7 @@ from ..base import DeviceNotFound
 from ..optional_library import install_command
 from .device_matches import needs_images
 from .oak_calibration import baseline_m
+from .oak_devices import find_device
 from .oak_faults import refuse_known_fault
 from .stereo import MatchParams
 
@@ -172,7 +172,7 @@ def connect_device(settings: OakSettings) -> DeviceLink:
         raise DeviceNotFound(
             f"camera {settings.camera}: depthai is not installed; run {install_command('depthai>=3.0,<4')}"
         ) from error
-    found = _find(dai, settings)
+    found = find_device(settings.camera, settings.device, settings.find_s)
     try:
         return start_pipeline(settings, dai.Device(found))
     except RuntimeError as error:
@@ -189,27 +189,6 @@ def start_pipeline(settings: OakSettings, device: Any) -> DeviceLink:
     except Exception:
         device.close()
         raise
-
-
-def _find(dai: Any, settings: OakSettings) -> Any:
-    """The requested device, by polling: the library itself would wait 11 s and then raise."""
-    until_s = time.monotonic() + settings.find_s
-    while True:
-        there = dai.Device.getAllAvailableDevices()
-        match = [d for d in there if settings.device in ("", d.getDeviceId(), d.name)]
-        if len(match) == 1:
-            return match[0]
-        if len(match) > 1:
-            ids = ", ".join(d.getDeviceId() for d in match)
-            raise DeviceNotFound(f"camera {settings.camera}: several OAK devices ({ids}); set device to one of them")
-        if time.monotonic() >= until_s:
-            break
-        time.sleep(0.2)
-    wanted = f"OAK device {settings.device}" if settings.device else "OAK device"
-    others = ", ".join(d.getDeviceId() for d in there) or "none"
-    raise DeviceNotFound(
-        f"camera {settings.camera}: no {wanted} (available: {others}); check the cable, the power and the udev rule (docs/how-to/connect-oak.md)"
-    )
 
 
 def first_line(error: Exception) -> str:

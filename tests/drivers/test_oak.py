@@ -164,7 +164,7 @@ def test_a_message_of_another_type_names_the_cause(message: dai.ADatatype) -> No
 
 
 def test_without_a_device_the_cause_and_the_remedy_are_reported_soon() -> None:
-    with pytest.raises(DeviceNotFound, match=r"no OAK device 19443010 \(available: none\); check the cable"):
+    with pytest.raises(DeviceNotFound, match=r"no OAK device 19443010 \(connected: none\); check the cable"):
         OakSource(OakSettings(camera="front", device="19443010", find_s=0.1)).open()
 
 

@@ -89,7 +89,9 @@ def test_cameras_that_stop_with_this_version_of_the_library_are_refused(
     """An OAK-D Lite: the message of the library names neither the cause nor the remedy."""
     monkeypatch.setattr(dai, "__version__", version)
     device = OpenedDevice("OV7251")
-    with pytest.raises(BadData, match=rf"camera front: .* installed is {version}. .* pip install depthai==3\.6\.1"):
+    with pytest.raises(
+        BadData, match=rf"camera front: .* installed is {version}. .*python\S* -m pip install 'depthai==3\.6\.1'"
+    ):
         start_pipeline(OakSettings(camera="front"), device)
     assert device.closed
 
