@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from core.types import CameraInfo, Intrinsics
+from drivers.base import DriverError
 
 from ..console import fail, print_json, print_line, warn
 from .camera import CameraConfig
@@ -69,6 +71,8 @@ def _print_usable(path: Path, config: Config, found: list[Difference]) -> None:
     described = [_described(camera) for camera in config.cameras if camera.kind != RECORDED]
     for text in clear_reach_texts(described, config.avoid, config.extractor) if config.avoid.send else ():
         warn(text)
+    for text in _calibration_texts(config.cameras):
+        warn(text)
     for difference in found:
         print_line(f"  {'safety key: ' if difference.safety else ''}{difference.text()}")
     if not found:
@@ -96,6 +100,18 @@ def _range_line(camera: CameraConfig) -> str:
         f"{camera.name}: obstacles are found up to {obstacle_range_m(info):.1f} m of max_range_m = {info.max_range_m:g}, "
         f"with ke_per_m = {info.ke_per_m:g}{how}"
     )
+
+
+def _calibration_texts(cameras: Sequence[CameraConfig]) -> Iterator[str]:
+    """Why a ZED could not be opened with its calibration on this computer. The configuration may be for another one."""
+    from drivers.cameras.zed_calibration import load_zed_calibration
+
+    for camera in cameras:
+        if camera.kind == "zed":
+            try:
+                load_zed_calibration(Path(camera.calibration), camera.width_px, camera.height_px)
+            except DriverError as error:
+                yield f'[[camera]] "{camera.name}" cannot be opened on this computer: {error}'
 
 
 def _described(camera: CameraConfig) -> CameraInfo:

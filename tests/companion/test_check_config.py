@@ -15,6 +15,9 @@ from companion.install.install import config_step
 from companion.install.steps import install_paths
 
 ROOT = Path(__file__).resolve().parents[2]
+EYE = "fx=350\nfy=350\ncx=336\ncy=188\nk1=0\nk2=0\np1=0\np2=0\n"
+CALIBRATION = f"[LEFT_CAM_VGA]\n{EYE}[RIGHT_CAM_VGA]\n{EYE}[STEREO]\nBaseline=120\nCV_VGA=0.01\nRX_VGA=0\nRZ_VGA=0\n"
+"""Of a ZED."""
 
 
 def call(*arguments: str) -> int:
@@ -235,3 +238,30 @@ def test_an_installation_without_a_camera_is_announced(tmp_path: Path, capsys: p
     (tmp_path / "image" / "etc").mkdir(parents=True)
     config_step(install_paths(tmp_path / "image"), path, False)
     assert f"{path} lacks a [[camera]] of a live kind and [autopilot] address" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("size", "file", "text"),
+    [
+        ("width_px = 672\nheight_px = 376", "", ""),
+        ("", "", "no calibration for 640x480; a ZED delivers 2208x1242, 1920x1080, 1280x720, 672x376 per eye"),
+        ("width_px = 672\nheight_px = 376", "SN8.conf", "SN8.conf: No such file or directory; download the camera's"),
+    ],
+    ids=["usable", "the size of another camera", "missing"],
+)
+def test_a_calibration_that_does_not_fit_is_announced(
+    size: str, file: str, text: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The file was called usable, and the camera did not open. It may be for another computer, so it is not refused."""
+    calibration = tmp_path / "SN7.conf"
+    calibration.write_text(CALIBRATION)
+    config = tmp_path / "zed.toml"
+    config.write_text(
+        f'[[camera]]\nname = "front"\nkind = "zed"\ndevice = "/dev/video5"\n{size}\n'
+        f'calibration = "{tmp_path / (file or calibration.name)}"\n'
+    )
+    assert call(str(config)) == 0
+    printed = capsys.readouterr()
+    assert "usable" in printed.out
+    assert text in printed.err
+    assert bool(printed.err) == bool(text)
