@@ -8,6 +8,7 @@ anything."""
 
 from __future__ import annotations
 
+import functools
 from collections import deque
 from dataclasses import dataclass, field
 
@@ -56,7 +57,10 @@ class TornImageCheck:
     def _shows_tear(self, image: NDArray[np.uint8]) -> bool:
         if self._images and _is(image, self._images[-1]):
             return False
-        return _ends_unfilled(image) or any(_ends_like(image, earlier) for earlier in self._images)
+        if _ends_unfilled(image):
+            return True
+        ends = {_common_end(image, earlier) for earlier in self._images if _ends_alike(image, earlier)}
+        return any(_end_shows_something(image, rows) for rows in ends)
 
 
 def one_repeats(pair: Pair, before: Pair) -> bool:
@@ -78,18 +82,38 @@ def _ends_unfilled(image: NDArray[np.uint8]) -> bool:
     last = image[-1, -END_PX:]
     if _is(last, np.broadcast_to(last[-1], last.shape)):
         return bool(last[-1].max() > MOST_BLACK_GREY and last[-1].min() < LEAST_SATURATED_GREY)
-    return _is(last, image[-2, -END_PX:]) and _shows_something(image[-1:, -END_PX:].max(axis=2), LEAST_END_STEPS)
+    return _is(last, image[-2, -END_PX:]) and _shows_something(_brightest(image[-1:, -END_PX:]), LEAST_END_STEPS)
 
 
-def _ends_like(image: NDArray[np.uint8], earlier: NDArray[np.uint8]) -> bool:
-    """Whether both end with the same pixels, and these show something."""
-    if image.shape != earlier.shape or not _is(image[-1, -END_PX:], earlier[-1, -END_PX:]):
-        return False
-    changed = np.flatnonzero((image != earlier).any(axis=(1, 2)))
-    same = image[changed[-1] + 1 if len(changed) else 0 :].max(axis=2)
-    if len(same):
-        return _shows_something(same)
-    return _shows_something(image[-1:, -END_PX:].max(axis=2), LEAST_END_STEPS)
+def _ends_alike(image: NDArray[np.uint8], earlier: NDArray[np.uint8]) -> bool:
+    """Whether both end with the same pixels."""
+    return image.shape == earlier.shape and _is(image[-1, -END_PX:], earlier[-1, -END_PX:])
+
+
+def _end_shows_something(image: NDArray[np.uint8], rows: int) -> bool:
+    """Whether the end that an image has in common with an earlier one shows something. rows: number of whole rows in it."""
+    if rows:
+        return _shows_something(_brightest(image[-rows:]))
+    return _shows_something(_brightest(image[-1:, -END_PX:]), LEAST_END_STEPS)
+
+
+def _common_end(image: NDArray[np.uint8], earlier: NDArray[np.uint8]) -> int:
+    """Number of last rows that are equal, by bisection: at night hundreds of rows are."""
+    height = len(image)
+    equal, most = 0, height
+    while equal < most:
+        rows = (equal + most + 1) // 2
+        between = slice(height - rows, height - equal)
+        if _is(image[between], earlier[between]):
+            equal = rows
+        else:
+            most = rows - 1
+    return equal
+
+
+def _brightest(rows: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """(N, W) the greatest channel of each pixel of rows (N, W, C)."""
+    return functools.reduce(np.maximum, np.moveaxis(rows, 2, 0))
 
 
 def _shows_something(rows: NDArray[np.uint8], least: int = LEAST_STEPS) -> bool:
