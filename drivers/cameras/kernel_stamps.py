@@ -25,7 +25,8 @@ class KernelStamps:
         if not max(0, oldest_ns) < stamp_ns <= arrival_ns + AHEAD_NS:
             raise BadData(
                 f"camera {self.camera}: a buffer is stamped {(stamp_ns - arrival_ns) / 1e9:+.3f} s from the present; its "
-                "driver does not use the monotonic clock, so its frames cannot be matched with attitudes"
+                "driver does not use the monotonic clock, so its frames cannot be matched with attitudes. Of a USB camera set the clock: "
+                "echo CLOCK_MONOTONIC | sudo tee /sys/module/uvcvideo/parameters/clock"
             )
         self._checked = True
         return min(stamp_ns, arrival_ns)
