@@ -2,7 +2,19 @@
 
 from __future__ import annotations
 
+import errno
 from pathlib import Path
+from typing import Final
+
+_NO_SPACE: Final = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+_TOO_LARGE: Final = (
+    "its disk, or `ulimit -f`, allows no larger file; write to another disk with -o (FAT32 takes 4 GB a file at most)"
+)
+
+
+def is_no_space(error: BaseException | None) -> bool:
+    """Whether a file could not be written for lack of space: on the disk, of a quota, or of a limit of the file's size."""
+    return isinstance(error, OSError) and error.errno in _NO_SPACE
 
 
 def error_text(error: Exception, output: Path | str | None = None) -> str:
@@ -10,10 +22,14 @@ def error_text(error: Exception, output: Path | str | None = None) -> str:
     named where the error names no file."""
     if isinstance(error, FileExistsError) and error.filename is not None:
         return f"{error.filename}: {error.strerror}; give another name"
+    if isinstance(error, OSError) and error.errno == errno.EFBIG:
+        return f"{error.filename or output or 'the output'}: {error.strerror}: {_TOO_LARGE}"
     if isinstance(error, OSError) and error.filename is not None:
         return f"{error.filename}: {error.strerror}; check the path, its permissions and the free space"
     if isinstance(error, OSError):
         text = f"{'' if output is None else f'{output}: '}{error.strerror or error} while writing; check the free space"
+        if output is not None and error.errno in _NO_SPACE:
+            text += ", or give -o a path on another disk"
         part = Path(f"{output}.active")
         if output is None or not part.exists():
             return text

@@ -19,6 +19,7 @@ from drivers.logs.codec import attitude_message, calibration_message, camera_mes
 from drivers.logs.topics import ENCODING, TOPICS, camera_name_fits
 from osape_client.proto import osape_v1_pb2 as pb
 
+from ..error_text import is_no_space
 from ..pipeline.encode import decision_message, prisms_bytes, wire_bytes
 from ..pipeline.results import FrameDecision, Output
 from ..pipeline.state import PipelineState
@@ -30,8 +31,8 @@ from .mcap_writer import ZSTD_LEVEL, McapWriter, Part
 
 
 class LogWriter:
-    """A log being written. As a context manager it is finished at the end, left as .active after an exception, and deleted
-    after Ctrl-C.
+    """A log being written. As a context manager it is finished at the end, and left as .active after an exception; it is
+    deleted after Ctrl-C and where the disk takes no more, since it is made again from its source.
 
     Raises OSError (no space, no permission), FileInUseError, UnfinishedLogError, and ValueError for an output that exists and
     is not a log, and for timestamps and names that a log cannot hold.
@@ -57,8 +58,16 @@ class LogWriter:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         if kind is None:
-            self.finish()
-        elif kind is KeyboardInterrupt:
+            try:
+                self.finish()
+            except OSError as failed:
+                self._end_unfinished(failed)
+                raise
+        else:
+            self._end_unfinished(error)
+
+    def _end_unfinished(self, error: BaseException | None) -> None:
+        if isinstance(error, KeyboardInterrupt) or is_no_space(error):
             self.discard()
         else:
             self.abandon()

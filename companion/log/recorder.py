@@ -6,6 +6,7 @@ gap that a replay would miss."""
 
 from __future__ import annotations
 
+import errno
 import time
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import AbstractContextManager, suppress
@@ -301,4 +302,8 @@ def _cause(error: Exception, folder: Path) -> str:
     """The text of an error; of one of the operating system with the place and the remedy."""
     if not isinstance(error, OSError) or error.strerror is None:
         return str(error)
-    return f"{error.filename or folder}: {error.strerror}; check the disk, its mount and the rights of the directory"
+    if error.errno == errno.EFBIG:
+        remedy = "its disk, or a limit of this process, allows no larger file: reduce [record] file_mb"
+    else:
+        remedy = "check the disk, its mount and the rights of the directory"
+    return f"{error.filename or folder}: {error.strerror}; {remedy}"

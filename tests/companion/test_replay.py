@@ -338,15 +338,16 @@ def test_a_full_disk_is_reported(recorded, tmp_path, capsys):
     assert main(["replay", str(recorded), "-o", str(tmp_path / "out.mcap"), "--replace"]) == 1
     err = capsys.readouterr().err
     assert "No space left on device while writing" in err
-    assert f"kept as {tmp_path / 'out.mcap.active'}" in err
-    assert not (tmp_path / "out.mcap").exists()
+    assert "kept as" not in err
+    assert [p for p in tmp_path.iterdir() if p.name.startswith("out.mcap")] == []
 
 
 def test_a_part_is_named_only_if_it_was_kept(tmp_path):
     """`companion recover` on a full disk leaves none, and was said to have kept FILE.active."""
     error = OSError(28, "No space left on device")
     assert error_text(error, tmp_path / "a.mcap") == (
-        f"{tmp_path / 'a.mcap'}: No space left on device while writing; check the free space"
+        f"{tmp_path / 'a.mcap'}: No space left on device while writing; check the free space, "
+        "or give -o a path on another disk"
     )
 
 
