@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import signal
 import threading
+from collections.abc import Callable
 
 
 def stop_event() -> threading.Event:
@@ -17,10 +18,18 @@ def stop_event() -> threading.Event:
 
 def end_with_parent() -> None:
     """From now on ends this process when its standard input is closed, which shows that its parent has ended."""
-    threading.Thread(target=_wait_for_parent, name="parent", daemon=True).start()
+    _at_end_of_parent(lambda: os._exit(1))
 
 
-def _wait_for_parent() -> None:
-    while os.read(0, 1):  # not through sys.stdin: its lock would be held when this process exits
-        pass
-    os._exit(1)
+def stop_with_parent() -> None:
+    """As `end_with_parent`, by SIGTERM: what this process does at a stop is done."""
+    _at_end_of_parent(lambda: os.kill(os.getpid(), signal.SIGTERM))
+
+
+def _at_end_of_parent(end: Callable[[], None]) -> None:
+    def wait() -> None:
+        while os.read(0, 1):  # not through sys.stdin: its lock would be held when this process exits
+            pass
+        end()
+
+    threading.Thread(target=wait, name="parent", daemon=True).start()

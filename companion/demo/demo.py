@@ -34,6 +34,7 @@ from ..viewer.png import drawing_library
 from ..viewer.view import ViewOptions, Views, make_views
 from ..whole_file import refuse_existing
 from .live import DemoError, LiveRun, fly
+from .sole_use import sole_use
 
 OUTPUT, LOG, VIEW = Path("demo-out"), "prisms.mcap", "view"
 CAMERA = CameraConfig(name="front", kind="simulated", flight="demo", width_px=640, fps=30.0, seed=0)
@@ -90,6 +91,11 @@ def demo(options: DemoOptions, bar: Callable[[str], Any]) -> Demo:
     config = load_config(options.config) if options.config is not None else EMBEDDED
     config = demo_config(config, options)
     options.folder.mkdir(parents=True, exist_ok=True)
+    with sole_use(options.folder):
+        return _demo(config, options, bar)
+
+
+def _demo(config: Config, options: DemoOptions, bar: Callable[[str], Any]) -> Demo:
     ensure_compiled("extractor", "simulated")
     with bar("rendering the simulated flight, once") as on:
         _render(config, on)

@@ -32,6 +32,12 @@ from .listener import ReceiveStats
 ACTIVE_TIMEOUT_S = 90.0
 """Longest wait for the first valid frame: a slow computer renders the flight first."""
 END_S = 20.0
+CHILD = """import runpy, sys
+from companion.stop_signal import stop_with_parent
+stop_with_parent()
+del sys.argv[0]
+runpy.run_module(sys.argv[0], run_name="__main__", alter_sys=True)"""
+"""Runs the module that its first argument names. A process of a killed demo would go on and record."""
 ACTIVE_STATES = (pb.Health.STATE_ACTIVE, pb.Health.STATE_DEGRADED)
 
 Progress = Callable[[float], None]
@@ -74,7 +80,7 @@ def toml_of(config: Config) -> str:
 
 
 def fly(config: Config, folder: Path, duration_s: float, on_progress: Progress = lambda share: None) -> LiveRun:
-    """Flies for duration_s from the first valid frame. Raises DemoError."""
+    """Flies for duration_s from the first valid frame. Raises DemoError. The caller has the sole use of the folder."""
     run = Path(tempfile.mkdtemp(prefix="osape-"))  # a short path: that of a socket is limited to 107 characters
     logs = folder / "demo-flight"
     shutil.rmtree(logs, ignore_errors=True)
@@ -132,11 +138,15 @@ class Processes:
         self._processes: dict[str, subprocess.Popen[bytes]] = {}
 
     def start(self, name: str, module: str, *output: str) -> None:
-        """Starts `python -m module` with these arguments."""
+        """Starts `python -m module` with these arguments; it ends with this process."""
         environment = {**os.environ, "RUNTIME_DIRECTORY": str(self._run), "STATE_DIRECTORY": str(self._run)}
         with (self._run / f"{name}.out").open("wb") as out, (self._run / f"{name}.err").open("wb") as err:
             self._processes[name] = subprocess.Popen(
-                [sys.executable, "-m", module, *output], stdout=out, stderr=err, env=environment
+                [sys.executable, "-c", CHILD, module, *output],
+                stdin=subprocess.PIPE,
+                stdout=out,
+                stderr=err,
+                env=environment,
             )
 
     def check(self) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+import subprocess
 import sys
 import sysconfig
 import tomllib
@@ -18,8 +19,11 @@ from companion.config.service import AutopilotConfig
 from companion.demo.demo import CAMERA, EMBEDDED, MAX_FPS, DemoOptions, demo_config, scripts_outside_path
 from companion.demo.listener import ReceiveStats
 from companion.demo.live import DemoError, Processes, live_config, toml_of
+from companion.demo.sole_use import sole_use
 from drivers.logs.reader import McapRecording
 from osape_client.proto import osape_v1_pb2 as pb
+
+from .live import until
 
 pytestmark = pytest.mark.process
 
@@ -60,6 +64,21 @@ def test_the_demo_keeps_the_logs_of_the_user(
     assert not earlier.exists()  # *.png in the output named pictures of two flights
     assert log.read_text() == "the only copy"
     assert sorted(p.name for p in tmp_path.iterdir()) == ["logs", "prisms.mcap", "view"]
+
+
+def test_a_demo_keeps_the_log_of_one_that_is_running(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """It deleted DIR/demo-flight, in which the service of the other demo was recording."""
+    recorded = tmp_path / "demo-flight" / "20260101-000000.000.mcap.active"
+    recorded.parent.mkdir()
+    recorded.write_text("being written")
+    with sole_use(tmp_path):
+        assert main(["demo", "--fast", "--seconds", "1", "-o", str(tmp_path)]) == 1
+    err = capsys.readouterr().err
+    assert f"{tmp_path}: another demo is running" in err
+    assert "-o another directory" in err
+    assert recorded.read_text() == "being written"
+    with sole_use(tmp_path):
+        pass  # it has ended
 
 
 def test_without_matplotlib_the_demo_draws_its_page_alone(
@@ -129,7 +148,7 @@ def processes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Processes:
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
     (tmp_path / "fails.py").write_text('import sys\nsys.exit("no camera")\n')
     (tmp_path / "ignores_sigterm.py").write_text(
-        "import signal\nsignal.pthread_sigmask(0, [15])\nprint('up', flush=True)\nsignal.pause()\n"
+        "import signal\nsignal.signal(15, signal.SIG_IGN)\nprint('up', flush=True)\nsignal.pause()\n"
     )
     return Processes(tmp_path)
 
@@ -154,6 +173,31 @@ def test_a_process_that_does_not_end_is_killed_and_reported(
     with pytest.raises(DemoError, match=r"did not end within 0\.3 s"):
         processes.end("service")
     assert process.wait(60.0) == -signal.SIGKILL
+
+
+_KILLED_DEMO = """
+import os, signal, sys, time
+from pathlib import Path
+from companion.demo.live import Processes
+processes = Processes(Path(sys.argv[1]))
+processes.start("service", "waits")
+while not (Path(sys.argv[1]) / "service.out").read_text():
+    time.sleep(0.02)
+os.kill(os.getpid(), signal.SIGKILL)
+"""
+
+
+@pytest.mark.usefixtures("processes")
+def test_the_processes_of_a_killed_demo_end(tmp_path: Path) -> None:
+    """They went on, and the service recorded until the disk was full."""
+    (tmp_path / "waits.py").write_text(
+        "import os, signal\n"
+        "signal.signal(signal.SIGTERM, lambda *_: open(os.environ['STATE_DIRECTORY'] + '/ended', 'w'))\n"
+        "print(os.getpid(), flush=True)\nsignal.pause()\n"
+    )
+    killed = subprocess.run([sys.executable, "-c", _KILLED_DEMO, str(tmp_path)], check=False, cwd=ROOT)
+    assert killed.returncode == -signal.SIGKILL
+    assert until(lambda: (tmp_path / "ended").exists(), 60.0)
 
 
 def test_the_way_to_the_commands_is_named_where_the_shell_does_not_find_them(monkeypatch: pytest.MonkeyPatch) -> None:
