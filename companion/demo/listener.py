@@ -13,6 +13,7 @@ from dataclasses import asdict, dataclass, field
 import numpy as np
 import zmq
 
+from osape_client.connect import connect
 from osape_client.decode import cause_code
 from osape_client.proto import osape_v1_pb2 as pb
 
@@ -52,7 +53,7 @@ def listen(address: str) -> ReceiveStats:
     context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
     socket = context.socket(zmq.SUB)
     socket.setsockopt(zmq.SUBSCRIBE, b"")
-    socket.connect(address)
+    connect(socket, address, None)
     while not stop:
         if not socket.poll(POLL_MS):
             continue

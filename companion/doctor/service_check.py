@@ -11,6 +11,7 @@ from osape_client.run_folder import run_folder
 from ..config.loader import Config
 from ..diagnostic import DiagnosticCode
 from ..live.health_stream import address_in_use, newest_health
+from ..live.load_text import load_text
 from .finding import Finding
 
 
@@ -32,11 +33,21 @@ def running_service(config: Config, patience_s: float) -> list[Finding] | None:
             "`systemctl status osape-companion`"
         )
         return [Finding("service", False, text, DiagnosticCode.SERVICE_UNREACHABLE)]
+    return _service_findings(health) + _load_findings(health)
+
+
+def _service_findings(health: pb.Health) -> list[Finding]:
     if not health.diagnostics and not health.troubles:
         return [Finding("service", True, "running: OK (details: `companion status`)")]
     if health.diagnostics:
         return [Finding("service", False, f"{d.code}: {d.text}", d.code) for d in health.diagnostics]
     return [Finding("service", False, text) for text in health.troubles]  # an older service
+
+
+def _load_findings(health: pb.Health) -> list[Finding]:
+    """That this computer does not keep up with the cameras."""
+    text = load_text(health)
+    return [Finding("computer", False, text)] if text else []
 
 
 def _started_health(address: str, patience_s: float) -> pb.Health:

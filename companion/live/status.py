@@ -17,18 +17,16 @@ from ..config.loader import load_config
 from ..config.obstacle_range import obstacle_range_m
 from ..config.service import PublishConfig
 from ..console import print_json, print_line
-from ..pipeline.latency import LatencyStage
 from ..pipeline.mount_messages import mount_text
 from ..pipeline.sync import DropCause
 from .health import STATES
 from .health_stream import newest_health
+from .load_text import load_text
 from .message_json import message_json
 
 MS, S = 1e6, 1e9
 HEARTBEAT_OLD_NS = 3_000_000_000
 """Heartbeats come once a second. An older one does not say what mode the vehicle is in now."""
-BUSY_SHARE, BUSY_MS = 0.5, 20.0
-"""A frame that waits for a processor for a greater share of its time than this, and longer, is delayed by other work."""
 
 
 def _range_text(message: pb.CameraInfo) -> str:
@@ -45,7 +43,8 @@ def status_lines(h: pb.Health) -> list[str]:
     lines = [f"{STATES.get(h.state, 'unknown').upper()}, service running for {_span(h.uptime_ns)}"]
     diagnostics = [f"{d.code}: {d.text}" for d in h.diagnostics] or list(h.troubles)  # older services send texts only
     lines += [f"  ! {line}" for line in diagnostics] or ["  OK"]
-    lines += _busy_lines(h)
+    if load := load_text(h):
+        lines.append(f"  {load}")
     lines += [f"  safety key changed: {key}" for key in h.changed_safety_keys]
     for c in h.cameras:
         lines += _camera_lines(c)
@@ -99,18 +98,6 @@ def _frame_lines(h: pb.Health) -> list[str]:
             f"  {latency.text or latency.stage}: {latency.p50_ms:.1f} / {latency.p95_ms:.1f} / {latency.p99_ms:.1f} ms (p50/p95/p99)"
         )
     return lines
-
-
-def _busy_lines(h: pb.Health) -> list[str]:
-    """That other work of this computer delays the frames, as text; empty: it does not."""
-    median_ms = {latency.stage: latency.p50_ms for latency in h.latencies}
-    took_ms = median_ms.get(LatencyStage.EXTRACT.value, 0.0)
-    cpu_ms = median_ms.get(LatencyStage.EXTRACT_CPU.value, took_ms)
-    if took_ms - cpu_ms <= max(BUSY_MS, BUSY_SHARE * took_ms):
-        return []
-    return [
-        f"  this computer is busy: a frame took {took_ms:.0f} ms for {cpu_ms:.0f} ms of processor time (median); end other programs"
-    ]
 
 
 def health_json(h: pb.Health) -> dict[str, Any]:

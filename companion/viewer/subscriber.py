@@ -17,8 +17,7 @@ from google.protobuf.message import DecodeError, Message
 from core.types import CameraInfo
 from drivers.logs.codec import camera_from_message
 from osape_client.clock import clock_ns
-from osape_client.curve_keys import use_client_keys
-from osape_client.ipv6 import allow_ipv6
+from osape_client.connect import connect
 from osape_client.proto import osape_v1_pb2 as pb
 from osape_client.receive_time import TimedSocket, age_ns
 from osape_client.run_folder import run_folder
@@ -97,14 +96,11 @@ class LiveSubscriber:
             self._receivers[socket] = TimedSocket(socket, address), kind
             socket.setsockopt(zmq.LINGER, 0)
             socket.setsockopt(zmq.RCVHWM, 20)
-            if self.streams.keys is not None:
-                use_client_keys(socket, self.streams.keys)
             if name == "depth":
                 self._depth = socket
             else:
                 socket.setsockopt(zmq.SUBSCRIBE, b"")
-            allow_ipv6(socket, address)
-            socket.connect(address)
+            connect(socket, address, self.streams.keys)
         self._thread.start()
         self.world.open()
         self.team.open()

@@ -21,6 +21,7 @@ from companion.streams.publication import PublicationStamps
 from osape_client import Message, tracks_from_message
 from osape_client.boot import boot_id
 from osape_client.clock import clock_ns
+from osape_client.connect import MOST_BYTES
 from osape_client.proto import osape_v1_pb2 as pb
 from osape_client.query.space import Occupancy, PlacedModel, Space
 
@@ -459,6 +460,25 @@ def test_a_connection_that_failed_for_good_is_opened_again(program: Path) -> Non
                     service.send(frame(publication=pb.Publication(age_ns=20_000_000)).SerializeToString())
                     assert process.stdout is not None
                     assert any("2 planes" in line for line in itertools.islice(process.stdout, 60))
+            finally:
+                process.kill()
+
+
+def test_a_message_that_is_too_large_is_not_received_and_the_next_one_is(program: Path, tmp_path: Path) -> None:
+    """There was no limit: the program took as much memory as the publisher announced."""
+    with zmq.Context() as context, context.socket(zmq.XPUB) as service:
+        service.setsockopt(zmq.XPUB_VERBOSE, 1)
+        service.bind(f"ipc://{tmp_path}/s")
+        with subprocess.Popen([program, f"ipc://{tmp_path}/s"], stdout=subprocess.PIPE, text=True) as process:
+            try:
+                assert service.poll(60_000)
+                service.recv()
+                service.send(bytes(MOST_BYTES + 1))
+                subscribed = [service.recv() for _ in range(2) if service.poll(60_000)]
+                assert subscribed == [b"\0", b"\1"], "the connection was closed, and opened again"
+                service.send(frame(publication=pb.Publication(age_ns=20_000_000)).SerializeToString())
+                assert process.stdout is not None
+                assert any("2 planes" in line for line in itertools.islice(process.stdout, 60))
             finally:
                 process.kill()
 

@@ -18,12 +18,16 @@ import companion.live.process_usage as process_usage
 from companion.cameras.status import CameraCondition, CameraStatus
 from companion.cli import main
 from companion.diagnostic import Diagnostic, DiagnosticCode
+from companion.doctor import service_check
 from companion.live.diagnostics import diagnostics_of
 from companion.live.health import CameraView, state_of
+from companion.live.health_stream import newest_health
+from companion.live.load_text import load_text
 from companion.live.status import status_lines
 from companion.log.recorder import RecordStatus
 from companion.paths import folders
 from companion.streams.publisher import Publisher, Stream
+from drivers.base import BadData
 from osape_client import run_folder as service_run
 from osape_client.proto import osape_v1_pb2 as pb
 
@@ -99,6 +103,35 @@ def test_a_computer_with_other_work_is_named_beside_the_faults() -> None:
     assert not any("computer" in line for line in status_lines(h))
 
 
+def test_a_computer_that_is_too_slow_for_its_cameras_is_named() -> None:
+    """Two of three frames were superseded, and the report said OK and the times of the stages."""
+    h = report()
+    h.latencies.append(pb.Latency(stage="publish", text="publishing", p50_ms=0.4))
+    h.latencies[0].p50_ms = 65.2
+    h.frames_used = 400
+    assert load_text(h) == ""  # nothing was left out yet
+    h.frames_dropped["busy"] = 812
+    assert load_text(h).startswith(
+        "this computer is too slow: a frame takes 66 ms (median), and 30 arrive a second; 812 of 1212 were superseded"
+    )
+    assert "fps" in load_text(h)
+    assert f"  {load_text(h)}" in status_lines(h)
+    (finding,) = service_check._load_findings(h)
+    assert (finding.part, finding.ok, finding.text) == ("computer", False, load_text(h))
+    h.latencies[0].p50_ms = 12.0  # frames that were superseded while it started
+    assert load_text(h) == ""
+    assert service_check._load_findings(h) == []
+
+
+def test_other_messages_on_the_address_of_the_report_are_an_error(tmp_path: Path) -> None:
+    """`companion status` printed a traceback."""
+    with (
+        published(tmp_path, b"\xff" * 9),
+        pytest.raises(BadData, match=r"9 bytes that are no health report.*-c"),
+    ):
+        newest_health(f"ipc://{tmp_path}/health", 30.0)
+
+
 def test_a_report_as_text() -> None:
     text = "\n".join(status_lines(report()))
     for part in (
@@ -118,7 +151,7 @@ def test_a_report_as_text() -> None:
 
 
 @contextmanager
-def published(folder: Path, health: pb.Health) -> Iterator[None]:
+def published(folder: Path, health: pb.Health | bytes) -> Iterator[None]:
     """Publishes a report again and again, as the service does."""
     ended = threading.Event()
 

@@ -14,7 +14,7 @@ namespace {
 
 constexpr std::uint32_t kSchemaVersion = 1;
 // Time without a message after which the socket connects again. ZeroMQ gives a connection up for good where the other side is no
-// service; the service may have taken its place since.
+// service, or sends a message that is too large; the service may have taken its place since.
 constexpr auto kSilence = std::chrono::seconds(5);
 
 double seconds(Clock::duration duration) { return std::chrono::duration<double>(duration).count(); }
@@ -81,6 +81,7 @@ Subscriber::Subscriber(const std::string& address, double timeout_s)
   zmq_setsockopt(socket_->socket, ZMQ_SUBSCRIBE, "", 0);
   zmq_setsockopt(socket_->socket, ZMQ_CONFLATE, &newest_only, sizeof newest_only);
   zmq_setsockopt(socket_->socket, ZMQ_LINGER, &linger_ms, sizeof linger_ms);
+  zmq_setsockopt(socket_->socket, ZMQ_MAXMSGSIZE, &kMostBytes, sizeof kMostBytes);
   if (address.rfind("tcp://[", 0) == 0) {  // ZeroMQ refuses IPv6 unless asked
     const int ipv6 = 1;
     zmq_setsockopt(socket_->socket, ZMQ_IPV6, &ipv6, sizeof ipv6);

@@ -3,16 +3,23 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Final
 
 import zmq
 
 from .curve_keys import use_client_keys
 from .ipv6 import allow_ipv6
 
+MOST_BYTES: Final = 16 << 20
+"""Largest message of a stream that is received. Decoded, a message that is made for it takes up to 90 times as much memory."""
+MOST_WORLD_BYTES: Final = 64 << 20
+"""Largest message of the merged world that is received: four times the whole world of the default configuration."""
 
-def connect(socket: zmq.Socket[bytes], address: str, keys: Path | None) -> None:
-    """Connects a socket to address. keys: folder of this client's CURVE keys. Raises KeyFileError, and ValueError for an
-    address that cannot be used."""
+
+def connect(socket: zmq.Socket[bytes], address: str, keys: Path | None, most_bytes: int = MOST_BYTES) -> None:
+    """Connects a socket to address. keys: folder of this client's CURVE keys; most_bytes: a sender of a larger message is
+    disconnected, and no memory is taken for it. Raises KeyFileError, and ValueError for an address that cannot be used."""
+    socket.setsockopt(zmq.MAXMSGSIZE, most_bytes)
     if keys is not None:
         use_client_keys(socket, keys)
     allow_ipv6(socket, address)

@@ -17,7 +17,7 @@ from .proto import osape_v1_pb2 as pb
 MS = 1_000_000
 SILENCE_NS = 5_000 * MS
 """Time without a message after which a socket connects again. ZeroMQ gives a connection up for good where the other side is no
-service, or refuses the keys; the service may have taken its place since."""
+service, refuses the keys, or sends a message that is too large; the service may have taken its place since."""
 
 
 class TimedSocket:

@@ -15,6 +15,9 @@ namespace osape_client {
 // Age at which a message becomes stale. The service itself reports a camera as unavailable after 0.3 s.
 constexpr double kTimeoutS = 0.4;
 
+// Largest message that is received, in bytes. The sender of a larger one is disconnected, and no memory is taken for it.
+constexpr std::int64_t kMostBytes = 16 << 20;
+
 // The time since the start of this computer, including the time for which it was suspended: CLOCK_BOOTTIME on Linux.
 // std::chrono::steady_clock stands still meanwhile, and old messages would count as new.
 struct Clock {

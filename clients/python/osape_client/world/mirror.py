@@ -23,7 +23,7 @@ from google.protobuf.message import DecodeError
 from numpy.typing import NDArray
 
 from ..clock import clock_ns
-from ..connect import connect
+from ..connect import MOST_WORLD_BYTES, connect
 from ..proto import osape_v1_pb2 as pb
 from ..receive_time import TimedSocket, age_ns
 from ..run_folder import run_folder
@@ -64,7 +64,8 @@ class MirrorStats:
 
 class WorldMirror:
     """A copy of the merged world. address, requests: None: the service on this machine; timeout_s: age at which the copy cannot
-    be used any more; keys: as of a Subscriber.
+    be used any more; keys: as of a Subscriber; most_bytes: largest message that is received, to be raised where the service has
+    a larger [world] most_planes (35 bytes each) or most_free_blocks (up to 3.1 kB each) than fits.
 
     Raises KeyFileError, and ValueError for an address that cannot be used. Not thread-safe."""
 
@@ -75,11 +76,12 @@ class WorldMirror:
         *,
         timeout_s: float = TIMEOUT_S,
         keys: Path | None = None,
+        most_bytes: int = MOST_WORLD_BYTES,
     ) -> None:
         self.address = address or f"ipc://{run_folder()}/world"
         self.requests = requests or f"ipc://{run_folder()}/world-snapshot"
         self.stats = MirrorStats()
-        self._timeout_s, self._keys = timeout_s, keys
+        self._timeout_s, self._keys, self._most_bytes = timeout_s, keys, most_bytes
         self._context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
         try:
             self._connected(zmq.REQ, self.requests).close()  # an address that cannot be used is an error now
@@ -218,7 +220,7 @@ class WorldMirror:
         if kind == zmq.SUB:
             socket.setsockopt(zmq.SUBSCRIBE, b"")
         try:
-            connect(socket, address, self._keys)
+            connect(socket, address, self._keys, self._most_bytes)
         except ValueError:  # of the address or the keys
             socket.close(0)
             raise
