@@ -79,25 +79,50 @@ sys.meta_path.insert(0, Interrupting())
 _PROJECT = tomllib.loads((Path(__file__).parents[2] / "pyproject.toml").read_text())["project"]
 
 
-@pytest.mark.process
-@pytest.mark.parametrize("module", ["companion.kernels.jit_cache", "companion.cli", "companion.log.provenance"])
-@pytest.mark.parametrize("way", ["script", "module"])
-def test_an_interrupted_start_prints_no_traceback(way: str, module: str) -> None:
-    """The first 0.3 s of a command are imports: Ctrl-C printed a traceback of them, and the status was 1."""
-    name, function = _PROJECT["scripts"]["companion"].split(":")
-    run = (
-        f"from {name} import {function}; sys.exit({function}())"
-        if way == "script"
-        else "import runpy; runpy.run_module('companion', run_name='__main__')"
-    )
-    ended = subprocess.run(
-        [sys.executable, "-c", f"{_INTERRUPTED_IMPORT.format(module)}\n{run}", "--version"],
-        cwd=Path(__file__).parents[2],
+def ended_by_ctrl_c(module: str, folder: Path, *command: str) -> subprocess.CompletedProcess[str]:
+    """Runs Python with these words and Ctrl-C at the import of a module."""
+    (folder / "sitecustomize.py").write_text(_INTERRUPTED_IMPORT.format(module))
+    return subprocess.run(
+        [sys.executable, *command],
+        cwd=folder,
+        env={**os.environ, "PYTHONPATH": f"{folder}:{Path(__file__).parents[2]}"},
         capture_output=True,
         text=True,
         check=False,
     )
+
+
+@pytest.mark.process
+@pytest.mark.parametrize("module", ["companion.kernels.jit_cache", "companion.cli", "companion.log.provenance"])
+@pytest.mark.parametrize("way", ["script", "module"])
+def test_an_interrupted_start_prints_no_traceback(way: str, module: str, tmp_path: Path) -> None:
+    """The first 0.3 s of a command are imports: Ctrl-C printed a traceback of them, and the status was 1."""
+    name, function = _PROJECT["scripts"]["companion"].split(":")
+    script = tmp_path / "bin" / "companion"
+    script.parent.mkdir()
+    script.write_text(f"import sys\nfrom {name} import {function}\nsys.exit({function}())\n")
+    command = [str(script)] if way == "script" else ["-m", "companion"]
+    ended = ended_by_ctrl_c(module, tmp_path, *command, "--version")
     assert (ended.returncode, ended.stdout, ended.stderr) == (130, "", "")
+
+
+@pytest.mark.process
+@pytest.mark.parametrize("way", ["text", "script", "module", "package"])
+def test_a_program_that_imports_the_package_gets_its_own_interrupt(way: str, tmp_path: Path) -> None:
+    """It got SystemExit, which `except KeyboardInterrupt` does not catch and which ends it without a word."""
+    content = "try:\n    import companion\nexcept KeyboardInterrupt:\n    print('mine')\n"
+    (tmp_path / "planner").mkdir()
+    (tmp_path / "planner" / "__init__.py").write_text(content)
+    (tmp_path / "planner" / "__main__.py").write_text("")
+    (tmp_path / "program.py").write_text(content)
+    command = {
+        "text": ["-c", content],
+        "script": ["program.py"],
+        "module": ["-m", "program"],
+        "package": ["-m", "planner"],
+    }[way]
+    ended = ended_by_ctrl_c("companion.kernels.jit_cache", tmp_path, *command)
+    assert (ended.returncode, ended.stdout, ended.stderr) == (0, "mine\n", "")
 
 
 @pytest.mark.process
