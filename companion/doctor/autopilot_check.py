@@ -42,7 +42,7 @@ NOT_CHECKED = {
     PX4: 'MAV_x_FORWARD, since the number of this port is not known: the ground station receives the texts "OA: ..." only where it '
     "is 1 for this port and for that of the ground station",
     ARDUPILOT: "PRX2_... of another proximity sensor, and whether the ground station or a switch has turned proximity avoidance "
-    "off (MAV_CMD_DO_AUX_FUNCTION 40), which ArduPilot does not report",
+    "off (MAV_CMD_DO_AUX_FUNCTION with function 40), which ArduPilot does not report",
 }
 """What braking and its texts depend on, and this command cannot tell."""
 
