@@ -107,7 +107,8 @@ def add_sides(unknown, holes):
 def extend_column(beside, counts, column):
     """Adds the holes of the column beside to a column, where at least _SIDE_CELLS of a block's cells are unknown."""
     for b in range(len(column)):
-        column[b] |= beside[b] if counts[b] >= _SIDE_CELLS else np.uint8(0)
+        sides = beside[b]  # read unconditionally, see core/jit.py
+        column[b] |= sides if counts[b] >= _SIDE_CELLS else np.uint8(0)
 
 
 @inner_inline
@@ -125,54 +126,52 @@ def add_marks(marks, bits, out):
 
 
 @inner
-def join_holes(codes, holes, columns, own, beside):
+def join_holes(codes, holes, columns, blocks, own, beside):
     """Joins the holes of the columns of (first, end).
 
     Args:
         codes: (cols, rows) uint16 of the view.
         holes: (cols, blocks) uint8 of `find_holes` and `add_sides`.
         columns: (first, end).
+        blocks: (blocks,) uint8 scratch.
         own: (rows,) uint8 out, the holes of these columns.
         beside: (rows,) uint8 out, the holes of these columns and of one more on either side."""
-    u0, u1 = columns
+    (u0, u1), cols = columns, holes.shape[0]
     own[:] = 0
     beside[:] = 0
-    for u in range(u0, u1):
-        add_rows(holes[u], codes[u], own)
+    add_columns(codes[u0:u1], holes[u0:u1], blocks, own)
     add_marks(own, _EACH, beside)
-    for u in range(max(u0 - 1, 0), u0):
-        add_rows(holes[u], codes[u], beside)
-    for u in range(u1, min(u1 + 1, holes.shape[0])):
-        add_rows(holes[u], codes[u], beside)
+    for first, end in ((max(u0 - 1, 0), u0), (u1, min(u1 + 1, cols))):
+        add_columns(codes[first:end], holes[first:end], blocks, beside)
 
 
 @inner
-def add_rows(column, codes, out):
-    """Adds the holes of a column to the rows of their blocks, and to the rows of the unknown cells that connect with them above and
-    below, at most _EDGE_ROWS.
+def add_columns(codes, holes, blocks, out):
+    """Adds the holes of columns to the rows of their blocks, and to the rows of the unknown cells that connect with them above
+    and below, at most _EDGE_ROWS.
 
     Args:
-        column: (blocks,) uint8, the holes.
-        codes: (rows,) uint16 of the same column.
+        codes, holes, blocks: see `join_holes`.
         out: (rows,) uint8, in and out."""
-    rows, last = len(codes), len(column) - 1
-    for b in range(last + 1):
-        here = column[b]
-        if here == 0:
-            continue
-        first, end = b * LEAST_SIDE, min((b + 1) * LEAST_SIDE, rows)
-        for v in range(first, end):
-            out[v] |= here
-        if b > 0 and here & ~column[b - 1]:
-            for v in range(first - 1, max(first - _EDGE_ROWS, 0) - 1, -1):
-                if codes[v] != Q_UNKNOWN:
+    rows = len(out)
+    blocks[:] = 0
+    for u in range(len(holes)):
+        add_marks(holes[u], _EACH, blocks)
+        line, upper, lower = codes[u], holes[u, :-1], holes[u, 1:]
+        for b in range(len(upper)):
+            if upper[b] == lower[b]:
+                continue
+            ends, begins, edge = upper[b] & ~lower[b], lower[b] & ~upper[b], (b + 1) * LEAST_SIDE
+            for v in range(edge, min(edge + _EDGE_ROWS, rows) if ends else edge):
+                if line[v] != Q_UNKNOWN:
                     break
-                out[v] |= here
-        if b < last and here & ~column[b + 1]:
-            for v in range(end, min(end + _EDGE_ROWS, rows)):
-                if codes[v] != Q_UNKNOWN:
+                out[v] |= ends
+            for v in range(edge - 1, max(edge - _EDGE_ROWS, 0) - 1 if begins else edge - 1, -1):
+                if line[v] != Q_UNKNOWN:
                     break
-                out[v] |= here
+                out[v] |= begins
+    for v in range(rows):
+        out[v] |= blocks[v // LEAST_SIDE]
 
 
 @inner

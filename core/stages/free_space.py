@@ -109,7 +109,7 @@ def walk_view(codes, view, image, grid, w):
     dark = DarkColumns(np.empty(cols, np.int64), np.empty((cols, rows // DARK_ROWS + 1), np.int16))
     holes = find_holes(unknown)
     add_sides(unknown, holes)
-    own_holes, near_holes = np.empty(rows, np.uint8), np.empty(rows, np.uint8)
+    own_holes, near_holes, joined = np.empty(rows, np.uint8), np.empty(rows, np.uint8), np.empty_like(holes[0])
     cu, f_u, u1 = view.cu, view.f_px / np.float64(view.lateral[0]), 0
     for d in range(n):
         columns = columns_of_direction(u1, cols, cu, f_u, edges_t[d + 1] if d < n - 1 else np.inf)
@@ -117,7 +117,7 @@ def walk_view(codes, view, image, grid, w):
         look_at(codes, columns, w.block_rows, looked, samples)
         over = overlapping_columns(columns, cols, cu + f_u * edges_t[d], cu + f_u * edges_t[d + 1])
         k = count_dark_blocks(unknown, over, dark)
-        join_holes(codes, holes, over, own_holes, near_holes)
+        join_holes(codes, holes, over, joined, own_holes, near_holes)
         in_source = common_source_rows(view.H, columns, image, rows)
         of_direction = DarkColumns(dark.columns[:k], dark.blocks[:k])
         sampled = Sampled(codes, in_source, samples, of_direction, own_holes, near_holes)

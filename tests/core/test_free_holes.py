@@ -53,7 +53,7 @@ def test_holes_of_a_direction_and_those_beside_it(seed: int) -> None:
     u0 = int(rng.integers(0, 11))
     u1 = int(rng.integers(u0 + 1, 13))
     own, beside = np.full(rows, 7, np.uint8), np.full(rows, 7, np.uint8)
-    join_holes(codes, found, (u0, u1), own, beside)
+    join_holes(codes, found, (u0, u1), np.empty(9, np.uint8), own, beside)
     v0, v1 = np.sort(rng.integers(-6, rows + 6, 2))
     for k in range(4):
         np.testing.assert_array_equal((own >> k) & 1 != 0, reached[k][u0:u1].any(axis=0))
