@@ -62,7 +62,8 @@ class Loading(threading.Thread):
 
 
 def make_ready(*groups: str, report: Report = lambda done, total: None) -> None:
-    """Loads the kernels of these groups, after a child process has compiled the missing ones. Raises WarmupError.
+    """Loads the kernels of these groups, after a child process has compiled the missing ones. Raises WarmupError. Those of the
+    simulated camera are not loaded: its own process renders.
 
     A service that failed or ended while it loaded may have met a damaged cache and would end again at each start. A mark
     file, which then remains, makes the next start run the kernels in a child process first."""
@@ -75,6 +76,6 @@ def make_ready(*groups: str, report: Report = lambda done, total: None) -> None:
     if mark is not None:
         with contextlib.suppress(OSError):  # as on a full disk
             mark.touch()
-    run_kernels(groups)
+    run_kernels([group for group in groups if group != "simulated"])
     if mark is not None:
         mark.unlink(missing_ok=True)

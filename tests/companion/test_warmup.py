@@ -278,6 +278,15 @@ def test_a_start_loads_the_group_that_is_asked_for(small: Path, ready: list[tupl
     assert not (small / loading.MARK).exists()
 
 
+def test_a_service_compiles_the_kernels_of_the_simulated_camera_and_does_not_load_them(
+    small: Path, ready: list[tuple[str, ...]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked = without_child(monkeypatch)
+    loading.make_ready("extractor", "simulated")
+    assert asked == [("extractor", "simulated")]
+    assert ready == [("extractor",)]
+
+
 def test_what_was_never_compiled_is_compiled_by_a_child_once(
     small: Path, ready: list[tuple[str, ...]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
