@@ -28,6 +28,8 @@ VIEWS: Final = (("street", "buildings, cars, lamps"), ("trees", "foliage"))
 ROLL_DEG, PITCH_DEG = 5.0, -10.0
 """Camera attitude of a multirotor in forward flight."""
 FRAMES, SIZE, HZ = 200, (640, 480), 12.0
+KERNELS: Final = ("extractor", "simulated")
+"""Groups of kernels that are measured, and of the camera that is simulated."""
 WATCHED: Final = 40
 """Largest number of frames measured by stage."""
 BUSY: Final = 1.2
@@ -60,7 +62,7 @@ def bench(params: Params, size: tuple[int, int], frames: int, hz: float, bar: Ca
     """Warms up, replays the sequences and measures, on one thread of one core. bar: a context manager that gives a
     progress for a label. Raises WarmupError."""
     begun = time.monotonic()
-    warm_up()
+    warm_up(KERNELS)
     ready_s = time.monotonic() - begun
     with one_core():
         with bar("simulating a camera"):

@@ -6,6 +6,7 @@ import argparse
 import os
 import subprocess
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -71,8 +72,8 @@ def _run_levels(options: list[str]) -> int:
     return 0
 
 
-def warm_up() -> tuple[Path, int]:
-    """Compiles or loads every kernel in a child process, with a line of progress.
+def warm_up(groups: Sequence[str] = GROUPS) -> tuple[Path, int]:
+    """Compiles or loads every kernel of these groups in a child process, with a line of progress.
 
     Returns the directory and the number of deleted files of damaged kernels. Raises WarmupError."""
     folder = state_in_use()
@@ -80,10 +81,10 @@ def warm_up() -> tuple[Path, int]:
         raise WarmupError(
             no_place_text() or f"{VARIABLE} is not set, since numba was imported first: import companion before numba"
         )
-    if warning := cache_warning(GROUPS):
+    if warning := cache_warning(groups):
         raise WarmupError(warning)
     with ProgressLine() as report:
-        return folder, compile_kernels(GROUPS, report, check=True)
+        return folder, compile_kernels(groups, report, check=True)
 
 
 def ensure_compiled(*groups: str) -> int:

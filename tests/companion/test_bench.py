@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -64,7 +65,7 @@ def test_other_work_on_the_machine_is_reported() -> None:
 @pytest.fixture
 def warm(monkeypatch: pytest.MonkeyPatch) -> None:
     """Kernels are ready: the child process of the warm-up is tested elsewhere."""
-    monkeypatch.setattr(command, "warm_up", lambda: None)
+    monkeypatch.setattr(command, "warm_up", lambda groups: None)
 
 
 def test_the_command_prints_a_table_and_a_verdict(warm: None, capsys: pytest.CaptureFixture[str]) -> None:
@@ -98,10 +99,17 @@ def test_json_holds_every_figure(warm: None, capsys: pytest.CaptureFixture[str])
     assert printed["used_share"] == pytest.approx(slowest * 5.0 / 1000.0, abs=1e-4)
 
 
+def test_only_the_kernels_that_are_measured_are_compiled(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[Sequence[str]] = []
+    monkeypatch.setattr(command, "warm_up", asked.append)
+    assert main(["bench", "--frames", "10", "--size", "160x120", "--json"]) == 0
+    assert asked == [("extractor", "simulated")]
+
+
 def test_kernels_that_cannot_be_made_ready_are_reported(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    def broken() -> None:
+    def broken(groups: Sequence[str]) -> None:
         raise WarmupError("the kernels do not run: a reason")
 
     monkeypatch.setattr(command, "warm_up", broken)
