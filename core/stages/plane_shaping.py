@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..buffers import Buffers
-from ..jit import inner, kernel
+from ..jit import kernel
 from ..params import Params
 from .evidence import Cover, find_evidence
 from .level import LevelledView
@@ -37,17 +37,11 @@ from .settings import Settings
 from .strip_search import Strips
 
 
-@inner
-def plane_room(strips):
-    """Returns the greatest number of planes of a frame with this number of strips, outliers and concavities included."""
-    return 2 * max(strips, 1) + 16
-
-
 @kernel
 def shape_planes(strips, view, source, settings, openings, planes):
     """Makes planes of the strips; returns their number, hidden ones included.
 
-    strips: with places; planes: (plane_room,) PLANE out. Planes with a negative support do not exist any more."""
+    strips: with places; planes: (N,) PLANE out, with room for all. Planes with a negative support do not exist any more."""
     p, table, n, room = settings[0], strips.table, strips.count, len(planes)
     tables, found = PlaneTables(planes, np.empty(room, np.int32), np.empty(room, np.int32)), np.empty(n, TRACK)
     tracks = grow(table, view, strips.first_of_column, p, openings, found)
@@ -77,5 +71,6 @@ def find_planes(
     found, view = strips.found, levelled.view
     passable, range_m = (p.passable_width_m, p.passable_height_m), float(source["max_range_m"][0])
     openings = find_openings(levelled.codes, found.table, found.count, view, range_m, passable, buffers)
-    planes = buffers("planes", (plane_room(found.count),), PLANE)
+    room = 2 * max(found.count, 1) + 16  # outliers and concavities included
+    planes = buffers("planes", (room,), PLANE)
     return planes[: shape_planes(found, view, source, settings.view, openings, planes)]

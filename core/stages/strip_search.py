@@ -3,8 +3,8 @@
 Input: the levelled view, the ground and the settings. Output: `Strips`, in the order of their columns, with cluster
 and place.
 
-`finish_strips` is one kernel because a call from Python costs some microseconds. Its stages can be traced one by one:
-`finish_strips.py_func` is the same function in Python (see companion/bench/stage_trace.py)."""
+`strips_of_view` is one kernel because a call from Python costs some microseconds. Its stages can be traced one by one:
+`strips_of_view.py_func` is the same function in Python (see companion/bench/stage_trace.py)."""
 
 from __future__ import annotations
 
@@ -30,19 +30,21 @@ from .truncation import correct_truncation
 
 
 @kernel
-def finish_strips(found, codes, view, source, ground, settings):
-    """Selects the strips that have enough support, clusters them and fills their gaps.
+def strips_of_view(codes, view, source, ground, bins, settings, strips, first_of_column):
+    """Extracts strips, selects those that have enough support, clusters them and fills their gaps.
 
-    found: StripList with the strips of `extract_strips`, in and out.
+    bins, settings: `bins` and `view` of Settings; strips: (N,) STRIP out; first_of_column: of StripList, out; else see
+    `search_strips`.
 
     Returns:
-        The number of strips that are kept, and their number after the removal of ground noise. If the latter exceeds
-            max_strips_per_column per column, nothing else is done and the former is 0."""
-    p, image, (strips, n, first_of_column), cols = settings[0], source[0], found, view.cols
+        The number of strips that are kept, and `before`, `ground_px` and `merged` of Strips. If there are more than
+            max_strips_per_column per column before, nothing else is done and none is kept."""
+    p, image, cols = settings[0], source[0], view.cols
+    n, ground_px, merged = extract_strips(codes, ground, view, bins, settings, strips)
     keep = np.empty(n, np.uint8)
     left = drop_ground_noise(strips, n, codes, view, ground, p, keep)
     if left > p.max_strips_per_column * cols:
-        return 0, left
+        return 0, left, ground_px, merged
     correct_truncation(strips, left, view, image, p.ke_per_m)
     index_columns(strips, left, cols, first_of_column)
     sort_columns(strips, cols, first_of_column)
@@ -52,7 +54,7 @@ def finish_strips(found, codes, view, source, ground, settings):
     clusters = join_near(strips, n, p.passable_width_m, p.passable_height_m)
     fill_columns(strips, clusters, first_of_column, p)
     place_strips(strips, n, view)
-    return n, left
+    return n, left, ground_px, merged
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -85,10 +87,11 @@ def search_strips(
     codes, view, threshold = levelled.codes, levelled.view, ground_threshold(ground, levelled.view, ke_per_m, p)
     strips = buffers("strips", (view.cols * p.max_column_strips,), STRIP)
     first_of_column = buffers("first_of_column", (view.cols + 1,), np.int32)
-    count, ground_px, merged = extract_strips(codes, threshold, view, settings.bins, settings.view, strips)
+    count, before, ground_px, merged = strips_of_view(
+        codes, view, source, threshold, settings.bins, settings.view, strips, first_of_column
+    )
     found = StripList(strips, count, first_of_column)
-    count, before = finish_strips(found, codes, view, source, threshold, settings.view)
-    return Strips(found=found._replace(count=count), before=before, ground_px=ground_px, merged=merged)
+    return Strips(found=found, before=before, ground_px=ground_px, merged=merged)
 
 
 def is_noise(strips: Strips, levelled: LevelledView, p: Params) -> bool:

@@ -68,24 +68,19 @@ def sample_pixels(depth_mm, samples):
 
 
 @kernel
-def tile_differences(before, now, least_mm, greatest_mm, min_samples, tiles):
-    """Computes motion and noise of each tile from the difference of 1/Z over time; returns the number of tiles with a
-    result.
+def tile_differences(before, now, least_mm, greatest_mm):
+    """Compares the tiles of two sets of samples. Returns the number of tiles with a result, the number of those without motion,
+    and the noise over time, sigma of 1/Z of one frame in 1/m.
 
     Tiles with too few samples are left out, and so are those in which nothing differs (a frame that was delivered
     twice).
 
     Args:
-        before: (SAMPLE_ROWS, SAMPLE_COLS) uint16 mm, samples of the earlier frame.
-        now: the same of this frame.
-        least_mm: least depth that counts as measured.
-        greatest_mm: greatest depth that counts as measured.
-        min_samples: least number of samples that are measured in both frames.
-        tiles: (n, 2) float64 out: the median difference over its standard error, and the sigma of 1/Z of one frame in
-            1/m."""
-    count = 0
+        before, now: (SAMPLE_ROWS, SAMPLE_COLS) uint16 mm, samples of the earlier frame and of this one.
+        least_mm, greatest_mm: least and greatest depth that counts as measured."""
+    count, still = 0, 0
     high, wide = before.shape[0] // TILE_ROWS, before.shape[1] // TILE_COLS
-    differences = np.empty(high * wide)
+    differences, sigmas = np.empty(high * wide), np.empty(TILE_ROWS * TILE_COLS)
     for tv in range(TILE_ROWS):
         for tu in range(TILE_COLS):
             n = 0
@@ -95,25 +90,17 @@ def tile_differences(before, now, least_mm, greatest_mm, min_samples, tiles):
                     if least_mm <= a <= greatest_mm and least_mm <= b <= greatest_mm:
                         differences[n] = 1000.0 / b - 1000.0 / a
                         n += 1
-            if n < max(min_samples, 2):
+            if n < _MIN_SAMPLES:
                 continue
             middle = np.median(differences[:n])
             deviations = np.sort(np.abs(differences[:n] - middle))
             kept = max(int(_KEPT_SHARE * n), 1)
             sigma = deviations[:kept].mean() / _MEAN_OF_KEPT
             if sigma > 0.0:
-                tiles[count, 0] = abs(middle) * math.sqrt(n) / (_MEDIAN_ERROR * sigma)
-                tiles[count, 1] = sigma / math.sqrt(2.0)
+                still += abs(middle) * math.sqrt(n) / (_MEDIAN_ERROR * sigma) <= _STILL_ERRORS
+                sigmas[count] = sigma / math.sqrt(2.0)
                 count += 1
-    return count
-
-
-@kernel
-def still_tiles(tiles, errors, quantile):
-    """Returns the number of tiles without motion, and a quantile of the noise of all tiles.
-
-    tiles: (n, 2) of `tile_differences`. errors: greatest difference of a tile without motion over its standard error."""
-    return (tiles[:, 0] <= errors).sum(), quantile_of_tiles(tiles[:, 1], quantile, 1)
+    return count, still, quantile_of_tiles(sigmas[:count], _QUANTILE, 1)
 
 
 def still_sigma(before: NDArray[np.uint16], now: NDArray[np.uint16], limits: PixelLimits, params: Params) -> float:
@@ -124,9 +111,7 @@ def still_sigma(before: NDArray[np.uint16], now: NDArray[np.uint16], limits: Pix
     before: (SAMPLE_ROWS, SAMPLE_COLS) uint16 mm, samples of the earlier frame; now: the same of this frame."""
     p = params
     least = max(int(limits.least_mm), math.ceil(1000.0 * p.noise_min_depth_m))
-    tiles = np.empty((TILE_ROWS * TILE_COLS, 2))
-    count = tile_differences(before, now, least, int(limits.greatest_mm), _MIN_SAMPLES, tiles)
-    still, sigma = still_tiles(tiles[:count], _STILL_ERRORS, _QUANTILE)
+    count, still, sigma = tile_differences(before, now, least, int(limits.greatest_mm))
     return sigma if count >= MIN_TILES and still >= _STILL_SHARE * count else math.nan
 
 

@@ -232,7 +232,7 @@ def kernels_in(cache: Path) -> dict[str, int]:
     return {f.name: f.stat().st_mtime_ns for f in cache.rglob("*.nbc")}
 
 
-CALLED = {"level.level_into", "ground.search_ground", "columns.extract_strips", "plane_shaping.shape_planes"}
+CALLED = {"level.level_into", "ground.search_ground", "strip_search.strips_of_view", "plane_shaping.shape_planes"}
 """Some of the kernels that Python calls, which alone are compiled where the others are in the cache."""
 
 
