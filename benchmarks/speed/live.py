@@ -38,11 +38,11 @@ PATIENCE_S = 180.0
 SEED = EMBEDDED.cameras[0].seed
 """As it has it, too."""
 SHIPPED = Path(__file__).parents[2] / "configs" / "simulated.toml"
-ADDRESS_KEYS = """
-[record]
-record = "{record}"
+RECORD_KEYS = """[record]
 folder = "{folder}/logs"
 budget_mb = 20000.0
+"""
+ADDRESS_KEYS = """
 [publish]
 prisms = "ipc://{folder}/prisms"
 health = "ipc://{folder}/health"
@@ -159,9 +159,8 @@ def running(*words: str, log: Path) -> Iterator[subprocess.Popen[bytes]]:
         process.kill()
 
 
-def measure(args: argparse.Namespace, folder: Path) -> dict[str, Any]:
-    """Runs the service; the figures. Raises TimeoutError when it does not see."""
-    config = folder / "live.toml"
+def config_text(args: argparse.Namespace, folder: Path) -> str:
+    """configs/simulated.toml with the flight, rate, port and places of a run."""
     text = shipped(
         {
             "flight": args.flight,
@@ -169,9 +168,16 @@ def measure(args: argparse.Namespace, folder: Path) -> dict[str, Any]:
             "fps": args.hz,
             "seed": args.seed,
             "address": f"udpin:127.0.0.1:{free_port()}",
+            "record": "off" if args.no_log else "always",
         }
     )
-    config.write_text(text + ADDRESS_KEYS.format(folder=folder, record="off" if args.no_log else "always"))
+    return text.replace("[record]\n", RECORD_KEYS.format(folder=folder)) + ADDRESS_KEYS.format(folder=folder)
+
+
+def measure(args: argparse.Namespace, folder: Path) -> dict[str, Any]:
+    """Runs the service; the figures. Raises TimeoutError when it does not see."""
+    config = folder / "live.toml"
+    config.write_text(config_text(args, folder))
     ear, stop, health = Ear(), threading.Event(), f"ipc://{folder}/health"
     with ExitStack() as stack:
         stack.enter_context(running("simulate-autopilot", "-c", str(config), log=folder / "autopilot.txt"))

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import time
 import tomllib
+from argparse import Namespace
 from copy import deepcopy
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import pytest
 
-from benchmarks.speed.live import shipped, stolen_s
+from benchmarks.speed.live import config_text, shipped, stolen_s
 from benchmarks.speed.service import live_lines, start_lines
 from companion.config.loader import config_of
 from companion.demo.demo import EMBEDDED
@@ -93,3 +95,10 @@ def test_what_is_measured_is_the_shipped_configuration_but_for_what_is_asked() -
 def test_a_key_that_the_shipped_configuration_has_not_once_is_no_measurement(key: str) -> None:
     with pytest.raises(ValueError, match=r"simulated\.toml: \d+ lines"):
         shipped({key: 1})
+
+
+def test_the_configuration_of_a_run_records_and_publishes_in_its_folder(tmp_path: Path) -> None:
+    asked = Namespace(flight="street", hz=12.0, width=640, seed=1, no_log=False)
+    config = config_of(tomllib.loads(config_text(asked, tmp_path)), "measured")
+    assert (config.record.record, config.record.folder) == ("always", f"{tmp_path}/logs")
+    assert config.publish.prisms == f"ipc://{tmp_path}/prisms"
