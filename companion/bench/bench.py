@@ -43,7 +43,7 @@ class Bench:
     size: tuple[int, int]
     frames: int
     hz: float  # frame rate of the assessed camera
-    ready_s: float  # time to load (at the first run: compile) all kernels in a separate process
+    ready_s: float  # time to load (at the first run: compile) the kernels in a separate process
     first_s: float  # time of the first frame
     measured: tuple[Measured, ...]  # by view
     host_info: HostInfo
