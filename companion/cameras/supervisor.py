@@ -35,8 +35,10 @@ _READ_S = 0.1
 _POLL_S = 0.05
 _EXIT_S = 0.5
 """Time for the exit status of a process that has closed its channel."""
+_CLOSE_NS = 2 * NS
+"""Time in which a process that reported a failure has to close its camera. The library of a lost device may wait for it for ever."""
 _STOP_S = 2.0
-"""The same at a stop of the service, for a process that was killed."""
+"""Time for the exit status at a stop of the service, of a process that was killed."""
 _STALLED_NS = NS // 2
 """After a longer time between two reads this process did not run, and the camera process probably did not either: it was
 paused, or the computer had no memory or processor time. The camera gets the full time before a restart again."""
@@ -212,6 +214,7 @@ class CameraSupervisor:
     def _handle_notification(self, notification: Notification) -> None:
         if notification.kind == "failed":
             self._last_cause = str(notification.payload.get("cause", "no cause was reported"))
+            self._set_condition(CameraCondition.LOST, self._last_cause)
         elif notification.kind == "opened":
             try:
                 info = info_from_json(notification.payload["info"])
@@ -234,6 +237,8 @@ class CameraSupervisor:
     def _restart_reason(self, now_ns: int, begun_ns: int, opened_ns: int | None, received_ns: int) -> str:
         """Sets the condition SILENT where due; returns why the process has to be restarted, "" if it has not."""
         p, status = self._params, self._status
+        if self._last_cause:
+            return self._last_cause if now_ns - received_ns > _CLOSE_NS else ""
         if opened_ns is None:
             late_s = (now_ns - max(begun_ns, self._stalled_ns)) / NS
             return f"the camera did not open within {p.open_s:g} s; {NO_FRAME_REMEDY}" if late_s > p.open_s else ""

@@ -5,6 +5,7 @@ and restarts the process."""
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import json
 import signal
@@ -57,33 +58,31 @@ def description(section: CameraConfig, source: DepthSource) -> CameraInfo:
 def run_camera(section: CameraConfig, writer: FrameWriter, source: DepthSource) -> None:
     """Opens the source and passes its frames on until the device or the service is lost. Raises DriverError."""
     writer.send("opening")
-    try:
-        source.open()
-        info = description(section, source)
-        writer.send("opened", info=dataclasses.asdict(info), notice=shortened(source.notice))
-        while True:
-            frame = source.read(READ_S)
-            if frame is not None:
-                writer.write(with_offset(frame, section.exposure_offset_ms))
-            else:
-                writer.send("alive", t_ns=time.monotonic_ns())
-    finally:
-        source.close()
+    source.open()
+    info = description(section, source)
+    writer.send("opened", info=dataclasses.asdict(info), notice=shortened(source.notice))
+    while True:
+        frame = source.read(READ_S)
+        if frame is not None:
+            writer.write(with_offset(frame, section.exposure_offset_ms))
+        else:
+            writer.send("alive", t_ns=time.monotonic_ns())
 
 
 def main(argv: list[str]) -> int:
-    """Runs until it is stopped (0) or fails (1); the cause of a failure is sent as a notification."""
+    """Runs until it is stopped (0) or fails (1); the cause of a failure is sent as a notification, before the source is closed."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the service ends this process
     section = CameraConfig(**json.loads(argv[1]))
     writer = FrameWriter(int(argv[0]), section.name)
-    try:
-        run_camera(section, writer, make_source(section))
-    except (DriverError, ValueError, ImportError) as error:
+    with contextlib.ExitStack() as opened:
         try:
-            writer.send("failed", cause=shortened(str(error)))
-        except DeviceLost:
-            return 1  # the service has ended: no receiver is left
-        return 1
+            source = make_source(section)
+            opened.callback(source.close)
+            run_camera(section, writer, source)
+        except (DriverError, ValueError, ImportError) as error:
+            with contextlib.suppress(DeviceLost):  # the service has ended: no receiver is left
+                writer.send("failed", cause=shortened(str(error)))
+            return 1
     return 0
 
 

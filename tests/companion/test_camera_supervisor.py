@@ -77,6 +77,9 @@ CAMERA = textwrap.dedent("""
         if after and habit == "ends":
             writer.send("failed", cause="the cable is out")
             sys.exit(1)
+        if after and habit == "fails":
+            writer.send("failed", cause="the cable is out")
+            time.sleep(1000)
         if after and habit == "exits":
             os._exit(7)
         if after and habit == "hangs":
@@ -284,6 +287,17 @@ def test_one_that_gives_no_frames_is_tried_later_and_later(tmp_path: Path, monke
 def test_one_that_ran_well_is_started_again_at_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(camera_supervisor, "_STABLE_RUN_S", 0.05)
     assert starts_of(tmp_path, "ends:20", monkeypatch, 4) == [0.5, 0.5, 0.5]
+
+
+def test_a_process_that_does_not_end_after_its_failure_is_ended_with_that_cause(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The library of a lost device may wait for it for ever. The process was called silent, after restart_s."""
+    monkeypatch.setattr(camera_supervisor, "_CLOSE_NS", 200_000_000)
+    with Watched(tmp_path, "fails:5", PATIENT) as w:
+        assert w.until(lambda: w.supervisor.status.starts == 2)
+        assert w.supervisor.status.last_loss == "the cable is out"
+        assert "the cable is out" in w.causes
 
 
 @pytest.mark.parametrize(

@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import json
+import os
+import signal
 from dataclasses import dataclass, replace
 
 import pytest
 
+from companion.cameras import worker
 from companion.cameras.worker import description
 from companion.config.camera import CameraConfig
 from core.types import CameraInfo, DepthFrame, Intrinsics
 from drivers.base import DeviceLost
+from drivers.cameras.frame_channel import FrameReader
 
 INFO = CameraInfo("front", Intrinsics(640, 400, 450.0, 450.0, 320.0, 200.0), bias_per_m=0.03)
 
@@ -47,3 +52,22 @@ def test_a_configured_bias_does_not_hide_that_a_camera_is_misaligned(
     """It was measured before the camera was bent."""
     section = replace(CameraConfig(name="front", kind="oak"), bias_per_m=configured_per_m)
     assert description(section, Source(notice)).bias_per_m == expected_per_m
+
+
+def test_the_cause_of_a_loss_is_reported_before_the_camera_is_closed(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The library of a lost device may wait for it for ever: the cause was then never reported."""
+    reader = FrameReader("front")
+    received: list[str] = []
+
+    class Closing(Source):
+        """Reports what the service has received when it is closed."""
+
+        def close(self) -> None:
+            received.extend(str(n.payload["cause"]) for n in reader.read(0.0)[1] if n.kind == "failed")
+
+    monkeypatch.setattr(worker, "make_source", lambda section: Closing(""))
+    monkeypatch.setattr(signal, "signal", lambda *_: None)
+    section = {"name": "front", "kind": "oak"}
+    assert worker.main([str(os.dup(reader.child_fd)), json.dumps(section)]) == 1
+    assert received == ["camera front: unplugged"]
+    reader.close()
