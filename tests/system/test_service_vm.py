@@ -89,8 +89,17 @@ def test_images_of_both_eyes_of_a_video_device_of_the_kernel(found: dict[str, An
     assert 0.0 < found["pair_age_ms"] < 2000.0
 
 
+def test_the_kernels_mark_of_a_faulty_image_arrives(found: dict[str, Any]) -> None:
+    assert found["faulty_marked"], found["camera_output"]
+
+
+def test_a_device_in_use_is_named(found: dict[str, Any]) -> None:
+    assert "another program uses it: end that program" in found["busy"]
+
+
 def test_a_video_device_that_is_unplugged_is_lost_and_not_found_again(found: dict[str, Any]) -> None:
-    assert "/dev/video0 was lost" in found["camera_unplugged"]
+    assert "/dev/video0 was lost (No such device)" in found["camera_unplugged"]
+    assert found["camera_held"] == 0  # no buffer keeps the device open
     assert "check that it is connected" in found["camera_gone"]
 
 

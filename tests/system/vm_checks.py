@@ -31,9 +31,10 @@ cy_px = 240.0
 address = "serial:/dev/serial/by-id/usb-not-plugged-in:921600"
 """
 CAMERA = """
-import json, os, time
+import json, os, select, time
 from core.types import Intrinsics
 from drivers.base import DeviceLost, DeviceNotFound
+from drivers.cameras.kernel_capture import LinuxpyCapture
 from drivers.cameras.pair_video import DeviceVideo, pair_format
 from drivers.cameras.v4l2_depth import V4l2Settings, V4l2Source
 
@@ -45,6 +46,19 @@ video = DeviceVideo(pair_format("front", "/dev/video0", (320, 360), FPS))  # of 
 image, stamp_ns = video.read(60.0)
 pair = dict(pair_shape=image.shape, pair_age_ms=(time.monotonic_ns() - stamp_ns) / 1e6, pair_levels=len(set(image.ravel().tolist())))
 video.close()
+capture = LinuxpyCapture(pair_format("front", "/dev/video0", (320, 360), FPS))
+with Device("/dev/video0") as device:
+    device.controls["inject_v4l2_buf_flag_error"].push()
+pair["faulty_marked"] = False
+end_s = time.monotonic() + 60.0
+while not pair["faulty_marked"] and time.monotonic() < end_s:
+    select.select([capture], [], [], 5.0)
+    pair["faulty_marked"] = capture.read().faulty
+try:
+    DeviceVideo(pair_format("front", "/dev/video0", (320, 360), FPS))
+except DeviceNotFound as error:
+    pair["busy"] = str(error)
+capture.close()
 intrinsics = Intrinsics(WIDTH, HEIGHT, 190.0, 190.0, 160.0, 90.0)
 settings = V4l2Settings(camera="front", device="/dev/video0", intrinsics=intrinsics, fps=FPS, pixel_format="Y16 ")
 source = V4l2Source(settings)
@@ -74,6 +88,7 @@ except DeviceLost as error:
     found["camera_unplugged"] = str(error)
 source.close()
 source.close()
+found["camera_held"] = open("/proc/self/maps").read().count("/dev/video")
 try:
     V4l2Source(settings).open()
 except DeviceNotFound as error:
