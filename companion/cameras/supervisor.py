@@ -254,7 +254,7 @@ class CameraSupervisor:
         if counted_s > (p.restart_s if delivered else p.open_s):
             return f"silent for {silent_s:.1f} s; {NO_FRAME_REMEDY}"
         if status.condition is CameraCondition.FROZEN and now_ns - status.since_ns > p.restart_s * NS:
-            return status.cause
+            return f"{status.cause}; if this stays, unplug the camera and plug it in again"
         return ""
 
     def _with_last_loss(self, what: str) -> str:
