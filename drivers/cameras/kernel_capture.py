@@ -24,6 +24,7 @@ _NO_IMAGES = (
 _REMEDIES: Final = {
     errno.EACCES: "add the user to the group video, and log in again",
     errno.EBUSY: "another program uses it: end that program",
+    errno.ENOENT: "check that it is connected, and set device to a path that `ls /dev/v4l/by-path` lists",
     errno.ENOSPC: "no bandwidth is left on its USB bus: connect it to another controller, or lower fps",
 }
 """Error of the kernel at the opening -> remedy."""

@@ -221,7 +221,7 @@ def test_the_greatest_value_is_no_distance_in_any_unit(unit_mm: float) -> None:
 
 def test_a_device_that_is_not_there(tmp_path: Path) -> None:
     settings = V4l2Settings(camera="front", device=str(tmp_path / "video7"), intrinsics=SIZE)
-    with pytest.raises(DeviceNotFound, match="check that it is connected"):
+    with pytest.raises(DeviceNotFound, match="check that it is connected, and set device to a path"):
         V4l2Source(settings).open()
     with pytest.raises(DeviceNotFound, match="call open"):
         V4l2Source(settings).read(0.1)
