@@ -6,6 +6,7 @@ reconnection is disabled: the supervisor restarts the process."""
 
 from __future__ import annotations
 
+import contextlib
 import time
 from collections.abc import Callable
 from datetime import timedelta
@@ -114,7 +115,8 @@ class OakSource:
         """Closes the device. May be called twice."""
         link, self._link = self._link, None
         if link is not None:
-            link.close()
+            with contextlib.suppress(RuntimeError):  # of a lost device, whose cause is raised already
+                link.close()
 
     def read(self, timeout_s: float) -> DepthFrame | None:
         """The newest undelivered frame, or None after timeout_s, and where the images were not exposed together. Raises

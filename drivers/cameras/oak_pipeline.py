@@ -159,9 +159,11 @@ class DeviceLink:
 
     def close(self) -> None:
         """Waits for the end of the pipeline: the release of the device deadlocks otherwise."""
-        self._pipeline.stop()
-        self._pipeline.wait()
-        self._device.close()
+        try:
+            self._pipeline.stop()
+            self._pipeline.wait()
+        finally:
+            self._device.close()
 
 
 def connect_device(settings: OakSettings) -> DeviceLink:

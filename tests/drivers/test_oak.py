@@ -102,6 +102,22 @@ def read_all(source: OakSource) -> None:
         source.read(0.05)
 
 
+def test_a_lost_device_that_cannot_be_closed_keeps_its_cause() -> None:
+    """The error of the library took the place of the cause, and ended the process without one."""
+
+    class Stuck(HostLink):
+        """A link that is down: its library reports that when it is closed."""
+
+        def close(self) -> None:
+            super().close()
+            raise RuntimeError("Communication exception (X_LINK_ERROR)")
+
+    source = OakSource(dataclasses.replace(SETTINGS, first_frame_s=0.1), Stuck(lambda k: None))
+    with pytest.raises(DeviceLost, match=r"the device stopped|no depth frame within 0.1 s"):
+        source.open()
+    source.close()
+
+
 def test_a_device_that_never_delivers_is_lost_with_a_remedy() -> None:
     source = OakSource(OakSettings(camera="front", match=DEVICE_ALONE, first_frame_s=0.2), HostLink(lambda k: None))
     with pytest.raises(
