@@ -8,6 +8,7 @@ import os
 import re
 import sys
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any, NoReturn
 
 from drivers.shell_word import shell_word
@@ -40,11 +41,22 @@ def _plain(word: str) -> bool:
     return re.fullmatch(r"-\d+|-\d*\.\d+", word) is not None
 
 
+def named_path(text: str) -> Path:
+    """The path of an argument. Raises ArgumentTypeError for an empty one, which would be the working directory."""
+    if not text:
+        raise argparse.ArgumentTypeError("an empty path; is a variable of the shell not set?")
+    return Path(text)
+
+
 class ArgumentParser(argparse.ArgumentParser):
-    """An `argparse.ArgumentParser` that accepts a list of numbers with a minus as a word of its own, and suggests what an
-    unknown word may mean."""
+    """An `argparse.ArgumentParser` that accepts a list of numbers with a minus as a word of its own, suggests what an
+    unknown word may mean, and refuses an empty path."""
 
     _words: Sequence[str] = ()
+
+    def __init__(self, *args: Any, **more: Any) -> None:
+        super().__init__(*args, **more)
+        self.register("type", Path, named_path)
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
         """As in the base class, which calls it for `parse_args` and for the words of a command. No word may be unknown."""

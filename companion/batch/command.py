@@ -160,6 +160,8 @@ def run(args: argparse.Namespace) -> int:
         return _compare(args)
     if not args.inputs:
         raise UsageError("no input is given; name files, folders or patterns of logs")
+    if "" in args.inputs:
+        raise UsageError("an empty path is given as an input; is a variable of the shell not set?")
     if args.no_pictures:
         raise UsageError("--no-pictures needs --compare OUT_A OUT_B")
     from .task import run_task  # late: it imports the kernels

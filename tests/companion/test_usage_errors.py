@@ -304,3 +304,27 @@ def test_the_error_of_an_output_below_a_file_names_the_output(
     (tmp_path / "file").write_text("")
     assert main(["configs", "oak", "-o", str(tmp_path / "file" / "my.toml")]) == 1
     assert f"error: {tmp_path / 'file' / 'my.toml'}: Not a directory" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["replay", ""],
+        ["replay", "flight.mcap", "-o", ""],
+        ["view", "flight.mcap", "-o", ""],
+        ["keys", ""],
+        ["check-config", ""],
+        ["demo", "--output="],
+        ["batch", "", "-o", "out"],
+    ],
+)
+def test_an_empty_path_is_not_the_working_directory(
+    words: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """`companion keys "$FOLDER"` with a misspelt variable wrote secret keys into the working directory."""
+    monkeypatch.chdir(tmp_path)
+    assert main(words) == 2
+    err = capsys.readouterr().err
+    assert "an empty path" in err
+    assert "is a variable of the shell not set?" in err
+    assert list(tmp_path.iterdir()) == []
