@@ -12,6 +12,7 @@ import threading
 import time
 import tty
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
@@ -35,12 +36,16 @@ class Faults:
 
 
 class UdpEnd:
-    """Sends to one address from a port of its own."""
+    """Sends to one address from a port of its own. Raises ValueError for a host that is not known."""
 
     def __init__(self, host: str, port: int) -> None:
-        self._socket = socket.socket(socket.AF_INET6 if ":" in host else socket.AF_INET, socket.SOCK_DGRAM)
+        family = socket.AF_INET6 if ":" in host else socket.AF_INET
+        try:
+            self._peer = socket.getaddrinfo(host, port, family, socket.SOCK_DGRAM)[0][4]
+        except (OSError, UnicodeError) as error:
+            raise ValueError(f"{host}: not known ({error}); give the name or the IP address of a computer") from error
+        self._socket = socket.socket(family, socket.SOCK_DGRAM)
         self._socket.setblocking(False)
-        self._peer = (host, port)
 
     def fileno(self) -> int:
         return self._socket.fileno()
@@ -52,10 +57,8 @@ class UdpEnd:
             return b""
 
     def write(self, data: bytes) -> None:
-        try:
+        with suppress(OSError):  # the network is not there, or full: the message is lost, as on a real link
             self._socket.sendto(data, self._peer)
-        except (BlockingIOError, ConnectionRefusedError):
-            return
 
     def close(self) -> None:
         self._socket.close()

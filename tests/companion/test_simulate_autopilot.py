@@ -26,6 +26,7 @@ from drivers.mavlink.address import parse_address
 from drivers.mavlink.clock_sync import ClockSource
 from drivers.mavlink.link import MavlinkLink
 from drivers.mavlink.session import MavlinkSession
+from drivers.simulation.autopilot_link import UdpEnd
 from tests.ports import free_port
 
 pytestmark = pytest.mark.process
@@ -126,6 +127,22 @@ def test_the_other_end_of_a_line_on_ipv6() -> None:
         end = other_end(f"udpin:[::]:{service.getsockname()[1]}")
         end.write(b"heartbeat")
         assert service.recv(100) == b"heartbeat"
+        end.close()
+
+
+def test_a_host_that_is_not_known_is_wrong_usage(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Its thread ended with a traceback, and the command went on without sending anything."""
+    words = ["simulate-autopilot", "-c", str(tmp_path / "c.toml"), "--address", "udpout:256.1.1.1:14540"]
+    assert main(words) == 2
+    assert "256.1.1.1: not known" in capsys.readouterr().err
+
+
+def test_a_network_that_is_not_there_does_not_end_it() -> None:
+    """The messages are lost, as on a real link; the thread ended at the first of them."""
+    end = UdpEnd("203.0.113.1", 14540)
+    try:
+        end.write(bytes(70_000))  # no network takes a message of this size
+    finally:
         end.close()
 
 
