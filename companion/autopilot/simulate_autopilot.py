@@ -72,9 +72,12 @@ def _link(address: str, end: UdpEnd | PtyEnd) -> Path | None:
     if not name or not isinstance(end, PtyEnd):
         return None
     link = Path(name)
-    if link.is_symlink():
-        link.unlink()
-    link.symlink_to(end.device)
+    try:
+        if link.is_symlink():
+            link.unlink()
+        link.symlink_to(end.device)
+    except OSError as error:  # it names the device, not the link
+        raise OSError(error.errno, error.strerror, name) from error
     return link
 
 

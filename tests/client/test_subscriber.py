@@ -367,6 +367,8 @@ def test_silence_is_reported_with_the_last_news_and_a_planner_can_end(service: S
 def test_with_keys_over_tcp_and_without_them_nothing(tmp_path: Path) -> None:
     make_keys(tmp_path / "keys", "planner")
     mine = tmp_path / "mine"
+    with pytest.raises(KeyFileError, match="mine: No such file or directory"):  # it was said to contain 0 secrets
+        Subscriber("tcp://127.0.0.1:1", keys=mine)
     mine.mkdir()
     with pytest.raises(KeyFileError, match="0 client secrets"):
         Subscriber("tcp://127.0.0.1:1", keys=mine)

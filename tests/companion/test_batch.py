@@ -489,7 +489,7 @@ def test_tables_that_the_disk_does_not_take_are_no_result(fleet: Path, tmp_path:
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
     assert isinstance(failed, Failure)
     assert str(tmp_path / "output") in failed.text
-    assert "check the" in failed.text
+    assert "allows no larger file" in failed.text
     assert [path for path in (tmp_path / "output").rglob("*") if path.is_file()] == []
 
 

@@ -137,6 +137,16 @@ def test_a_host_that_is_not_known_is_wrong_usage(tmp_path: Path, capsys: pytest.
     assert "256.1.1.1: not known" in capsys.readouterr().err
 
 
+def test_a_name_of_the_pty_that_is_taken_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The message named /dev/pts/N, which exists."""
+    config, taken = tmp_path / "c.toml", tmp_path / "taken"
+    config.write_text('[[camera]]\nname = "front"\nkind = "simulated"\n')
+    taken.write_text("mine")
+    assert main(["simulate-autopilot", "-c", str(config), "--address", f"pty:{taken}"]) == 1
+    assert f"{taken}: File exists" in capsys.readouterr().err
+    assert taken.read_text() == "mine"
+
+
 def test_a_network_that_is_not_there_does_not_end_it() -> None:
     """The messages are lost, as on a real link; the thread ended at the first of them."""
     end = UdpEnd("203.0.113.1", 14540)

@@ -20,7 +20,10 @@ class KeyFileError(ValueError):
 
 def use_client_keys(socket: zmq.Socket[bytes], folder: Path) -> None:
     """Configures a socket to authenticate the service and itself with the keys in a folder. Raises KeyFileError."""
-    secrets = [f for f in sorted(folder.glob("*.secret")) if f.name != SERVER_SECRET]
+    try:
+        secrets = [f for f in sorted(folder.iterdir()) if f.suffix == ".secret" and f.name != SERVER_SECRET]
+    except OSError as error:
+        raise KeyFileError(f"{folder}: {error.strerror}; give the folder of the client's keys, readable by you") from error
     if len(secrets) != 1:
         raise KeyFileError(
             f"{folder}: {len(secrets)} client secrets, expected one NAME.secret beside {SERVER_PUBLIC}, both as "
