@@ -23,7 +23,9 @@ def use_client_keys(socket: zmq.Socket[bytes], folder: Path) -> None:
     try:
         secrets = [f for f in sorted(folder.iterdir()) if f.suffix == ".secret" and f.name != SERVER_SECRET]
     except OSError as error:
-        raise KeyFileError(f"{folder}: {error.strerror}; give the folder of the client's keys, readable by you") from error
+        raise KeyFileError(
+            f"{folder}: {error.strerror}; give the folder of the client's keys, readable by you"
+        ) from error
     if len(secrets) != 1:
         raise KeyFileError(
             f"{folder}: {len(secrets)} client secrets, expected one NAME.secret beside {SERVER_PUBLIC}, both as "
