@@ -13,6 +13,8 @@ TOO_DEEP = "nested deeper than can be read"
 TOO_LONG = "a number has thousands of digits; correct it"
 SHOWN_CHARACTERS = 200
 """Of a wrong value in a message."""
+PARTS_OF_ADDRESS = ("baud", "baudrate", "baud_rate", "device", "port")
+"""Keys of other programs for what is in [autopilot] address."""
 
 
 def mistake_text(error: Any) -> str:
@@ -61,6 +63,10 @@ def _unknown(path: tuple[Any, ...], where: str) -> str:
     experts = [f.name for f in expert_fields()] if section == "extractor" else []
     if key in experts:
         return f"{where}: it is given below [expert] as well; keep that line only"
+    if section == "autopilot" and key in PARTS_OF_ADDRESS:
+        return (
+            f"{where}: no such key; it is a part of address, such as serial:/dev/ttyAMA0:921600 or udpin:0.0.0.0:14540"
+        )
     near = _nearest(key, known, 0.7)
     homes = [_header(name) for name in SECTIONS if any(f.name == key for f in fields_of(name))]
     if homes and not near:

@@ -34,7 +34,7 @@ class AutopilotConfig:
 
     address: str = text(
         "",
-        "serial:/dev/serial/by-id/NAME:BAUD, udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT (IPv6 in brackets); empty: none",
+        "serial:/dev/serial/by-id/NAME:BAUD (without BAUD: 921600), udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT (IPv6 in brackets); empty: none",
     )
     system_id: int = number(0, 0, 255, "", "system id of the vehicle; 0: taken from its heartbeat")
     component_id: int = number(196, 1, 255, "", "component id of the service; 196 is obstacle avoidance")

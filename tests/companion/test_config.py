@@ -90,6 +90,15 @@ def test_all_mistakes_at_once() -> None:
     assert "max_extrapolation_s: belongs under [sync]" in text
 
 
+@pytest.mark.parametrize("key", ["baud", "baudrate", "baud_rate", "device", "port"])
+def test_what_belongs_into_the_address_of_the_autopilot(key: str) -> None:
+    """A baud rate as a key of its own was answered with the list of all keys."""
+    (problem,) = problems({"autopilot": {"address": "serial:/dev/ttyAMA0", key: 921600}})
+    assert problem == (
+        f"[autopilot] {key}: no such key; it is a part of address, such as serial:/dev/ttyAMA0:921600 or udpin:0.0.0.0:14540"
+    )
+
+
 def test_all_mistakes_that_concern_several_keys_at_once() -> None:
     found = problems(
         {
