@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+import textwrap
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,6 +17,8 @@ from core.stages.model import blind_model
 from core.types import CameraInfo, FrameModel, FreeEnd, FreeProfile, Intrinsics, InvalidCause
 from osape_client.query.rectangles import between_segments, rectangles
 from osape_client.query.space import Occupancy, PlacedModel, Space, balls_free
+
+from ..conftest import CHECKOUT
 
 SEED = st.integers(0, 2**32 - 1)
 INFO = CameraInfo("front", Intrinsics(64, 48, 45.0, 45.0, 31.5, 23.5))
@@ -147,6 +151,27 @@ def test_a_wall_the_free_space_before_it_and_the_unknown_behind() -> None:
     assert space.points([[7.0, 0, 0]], 0.8).tolist() == [Occupancy.OCCUPIED]
     ways = space.segments([[2, 0, 0]] * 4, [[6, 1, 0], [9, 0, 0], [2, 9, 0], [6, 1, -3.5]], 0.3)
     assert ways.tolist() == [Occupancy.FREE, Occupancy.OCCUPIED, Occupancy.UNKNOWN, Occupancy.UNKNOWN]
+
+
+def printed_by_the_guide(space: Space, capsys: pytest.CaptureFixture[str]) -> str:
+    """The output of the code in the guide for planners that asks how far it is free ahead."""
+    guide = CHECKOUT / "docs" / "how-to" / "write-a-planner-client.md"
+    section = guide.read_text(encoding="utf-8").split("### How far is it free ahead?")[1].split("###")[0]
+    code = "\n".join(line for line in section.splitlines() if line.startswith("    "))
+    content = SimpleNamespace(transform=SimpleNamespace(yaw_rad=0.0))
+    exec(textwrap.dedent(code), {"message": SimpleNamespace(content=content, space=space), "at_m": HERE})
+    return capsys.readouterr().out
+
+
+def test_the_guide_finds_how_far_it_is_free_ahead(capsys: pytest.CaptureFixture[str]) -> None:
+    wall, pole = (8.0, -6.0, 8.0, 6.0, -3.0, 3.0), (4.0, -0.1, 4.0, 0.1, -3.0, 3.0)
+    free = profile(1.0, 7.5)
+    before_a_wall = Space([PlacedModel(model(wall, margin=0.2, free=free), HERE)])
+    before_a_pole = Space([PlacedModel(model(wall, pole, margin=0.2, free=free), HERE)])
+    assert printed_by_the_guide(before_a_wall, capsys) == "free from 1.6 to 6.9 m\n"
+    assert printed_by_the_guide(before_a_pole, capsys) == "free from 1.6 to 3.2 m\n"
+    assert printed_by_the_guide(Space([PlacedModel(model(wall), HERE)]), capsys) == ""
+    assert printed_by_the_guide(Space([]), capsys) == ""
 
 
 @given(SEED)
