@@ -48,11 +48,14 @@ LEANT = in_layers(model(free_to_m=13.0, view_deg=72.0), from_m=(8.1, 6.3, 4.5))
 class Flight:
     """A hover at 5 m with a camera of 10 Hz and a decision after each frame."""
 
-    def __init__(self) -> None:
+    def __init__(self, *others: str) -> None:
+        """others: names of further cameras at the same place, which give no frames by themselves."""
         self.sees = Sees(FREE)
-        self.pipeline = Pipeline((CAMERA,), lambda info: self.sees)
-        self.builder = ObstacleReportBuilder(AVOID, SeenCameras(cameras=("front",), timeout_s=0.3))
-        self.builder.announce(CAMERA)
+        infos = (CAMERA, *(replace(CAMERA, camera=name) for name in others))
+        self.pipeline = Pipeline(infos, lambda info: self.sees)
+        self.builder = ObstacleReportBuilder(AVOID, SeenCameras(cameras=("front", *others), timeout_s=0.3))
+        for info in infos:
+            self.builder.announce(info)
         self.now_ns, self.sequence, self.pitch_rad = 10 * NS, 0, 0.0
         self.cm: list[int] = []
 
@@ -68,10 +71,11 @@ class Flight:
                 self.pipeline.handle(sample)
             self.builder.samples(samples)
 
-    def take_frame(self, found: FrameModel) -> None:
+    def take_frame(self, found: FrameModel, camera: str = "front") -> None:
         self.sees.found = found
         self.sequence += 1
-        for output in self.pipeline.handle(frame(self.sequence, self.now_ns, self.now_ns)):
+        image = replace(frame(self.sequence, self.now_ns, self.now_ns), camera=camera)
+        for output in self.pipeline.handle(image):
             if isinstance(output, PrismsResult):
                 self.builder.result(output)
 
@@ -118,6 +122,20 @@ def test_an_obstacle_of_a_frame_that_does_not_count_yet_ends_free_space() -> Non
     flight.without_frames(4)
     flight.fly(2, BRANCH)
     assert max(flight.lean()) < CLEAR_CM
+
+
+@pytest.mark.parametrize("second", [BRANCH, FREE], ids=["obstacle", "free"])
+def test_an_obstacle_of_another_camera_that_does_not_count_yet_ends_free_space(second: FrameModel) -> None:
+    """The other camera gives two good frames, after which it fails again; three are needed."""
+    flight = Flight("other")
+    flight.fly(15, FREE)
+    for _ in range(2):
+        flight.send_motion(90)
+        flight.take_frame(second, "other")
+        flight.send_motion(10)
+        flight.take_frame(FREE)
+        flight.decide()
+    assert (max(flight.lean()) < CLEAR_CM) == (second is BRANCH)
 
 
 @pytest.mark.parametrize("first", [BRANCH, FREE], ids=["between two decisions", "never"])

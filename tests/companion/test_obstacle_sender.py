@@ -156,6 +156,25 @@ def test_a_blind_camera_is_sent_as_unknown_within_0_4_s_to_both_autopilots(fault
     assert chain.ahead(ARDUPILOT) == WALL
 
 
+def test_the_time_of_the_wall_counts_from_the_exposure_and_not_from_the_arrival() -> None:
+    """Of frames that arrive 0.2 s after their exposure the wall for PX4 stood 0.2 s longer, before the silence that makes it hold."""
+    chain = Chain(CLEAR)
+    chain.fly(0.3, frames=False)
+    for _ in range(4):
+        chain.fly(0.1, frames=False)
+        chain.sequence += 1
+        for output in chain.pipeline.handle(frame(chain.sequence, chain.now_ns - 200 * MS, chain.now_ns)):
+            if isinstance(output, PrismsResult):
+                chain.builder.result(output)
+    px4 = replace(PX4, cp_dist_m=3.0)
+    assert chain.ahead(px4) == 1201
+    chain.fly(1.78, frames=False)
+    chain.report(px4)
+    assert chain.ahead(px4) == 302
+    chain.fly(0.04, frames=False)
+    assert chain.report(px4).values is None
+
+
 def test_a_frozen_camera_is_blind_as_soon_as_it_is_known_to_be_though_its_stamps_are_new() -> None:
     chain = Chain(CLEAR)
     frozen = {"front": ""}
