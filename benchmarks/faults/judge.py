@@ -9,6 +9,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from drivers.mavlink.session_types import ARDUPILOT
+
 from .field import STEP_DEG
 from .loop import FaultLoop
 from .switches import NS, Fault
@@ -22,9 +24,9 @@ BLIND_NS = 400_000_000
 """Blind values are sent at the latest after this time."""
 EVIDENT_FROM_S = 4.0
 AGAIN_SECTORS = 3
-INNER = 5
-"""Sectors up to this one on both sides of the nose are in the view as a whole. Of those at its border a part is not seen: to PX4
-they are unknown, to ArduPilot open (docs/explanation/failsafe.md)."""
+BORDER_DEG = 8.0
+"""Sectors whose middle is farther inside a view are in it as a whole, also for a camera beside the middle of the vehicle. Of those
+at its border a part is not seen: to PX4 they are unknown, to ArduPilot open (docs/explanation/failsafe.md)."""
 NOT_NOTICED = "attitude repeated"
 """The fault during which places are not judged: a wrong attitude with new stamps displaces everything (docs/reference/limits.md)."""
 
@@ -63,7 +65,7 @@ class Judge:
         )
         for sector, value in enumerate(values):
             near_m = float(inner_m[sector])
-            judged = not displaced and min(sector, 72 - sector) <= INNER
+            judged = not displaced and bool(viewers(loop, sector, BORDER_DEG))
             if value == clear_cm:
                 self.clear += 1
                 agreeing += 1
@@ -82,21 +84,25 @@ class Judge:
         return RANGE_M if math.isfinite(near_m) else math.inf
 
     def _judge_time(self, loop: FaultLoop, values: list[int], clear_cm: int) -> None:
-        """Without new evidence nothing may be clear; an ArduPilot must not be sent unknown where the camera looks."""
+        """Without new evidence nothing may be clear; an ArduPilot must not be sent unknown where a camera looks."""
         evidence, now_ns = loop.evidence, loop.flown_ns
-        middle = [s % 72 for s in range(-4, 5)]
-        for name, at_ns in (("image", evidence.frame_ns), ("attitude", evidence.attitude_ns)):
-            since_ns = now_ns - max(at_ns, loop.began_ns)
-            if since_ns > BLIND_NS and clear_cm in values:
-                self._note(
-                    loop, f"{values.count(clear_cm)} sectors are clear {since_ns / NS:.2f} s after the newest {name}"
-                )
-        since_ns = now_ns - max(evidence.left_ns, loop.began_ns)
+        since_ns = now_ns - max(evidence.attitude_ns, loop.began_ns)
+        if since_ns > BLIND_NS and clear_cm in values:
+            self._note(
+                loop, f"{values.count(clear_cm)} sectors are clear {since_ns / NS:.2f} s after the newest attitude"
+            )
+        for sector, value in enumerate(values):
+            if value == clear_cm:
+                newest_ns = max((evidence.frame_ns[c] for c in viewers(loop, sector, -BORDER_DEG)), default=-1)
+                since_ns = now_ns - max(newest_ns, loop.began_ns)
+                if since_ns > BLIND_NS:
+                    self._note(loop, f"sector {sector} is clear {since_ns / NS:.2f} s after the newest image of it")
+            elif value == UNKNOWN and self.kind == ARDUPILOT and viewers(loop, sector, 2.0 * BORDER_DEG):
+                self._note(loop, f"sector {sector} is unknown, which it treats as clear, where a camera looks")
+        since_ns = now_ns - max(evidence.left_ns[0], loop.began_ns)
         left = [values[s] for s in (-6, -5, -4)]
         if since_ns > BLIND_NS + NS // 4 and clear_cm in left and loop.switches.covered >= 0.3:
             self._note(loop, f"the covered side is clear after {since_ns / NS:.2f} s")
-        if self.kind == "ArduPilot" and UNKNOWN in [values[s] for s in middle]:
-            self._note(loop, "unknown, which it treats as clear, where the camera looks")
 
     def _note(self, loop: FaultLoop, what: str) -> None:
         t_ns = loop.flown_ns
@@ -120,3 +126,14 @@ class Judge:
                         until_s, f"not seen again {until_s - fault.end_ns / NS:.1f} s after its end", (fault.name,)
                     )
                 )
+
+
+def viewers(loop: FaultLoop, sector: int, inside_deg: float) -> list[int]:
+    """Returns the numbers of the cameras whose view contains the middle of a sector, so far inside of its border."""
+    out = []
+    for number, camera in enumerate(loop.cameras):
+        half_deg = math.degrees(math.atan(0.5 * camera.intrinsics.width / camera.intrinsics.fx))
+        aside_deg = math.remainder(sector * STEP_DEG - math.degrees(camera.mount.yaw_rad), 360.0)
+        if abs(aside_deg) <= half_deg - inside_deg:
+            out.append(number)
+    return out

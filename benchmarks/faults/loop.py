@@ -8,17 +8,16 @@ from __future__ import annotations
 import itertools
 import math
 from collections import deque
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from companion.config.avoidance import AvoidParams
-from core.extractor import Extractor
 from core.frames import rotation_frd_optical
-from core.types import CameraInfo, DepthFrame
+from core.types import CameraInfo, CameraMount, DepthFrame
 from drivers.mavlink.dialect import dialect
 from drivers.mavlink.parser import MessageSplitter
 from drivers.mavlink.session_types import ARDUPILOT
@@ -61,13 +60,23 @@ class Evidence:
     """True instants of the newest correct evidence that reached the service, ns of the flight; -1: none.
 
     Attributes:
-        frame_ns: exposure of the newest complete, new, correctly stamped image.
+        frame_ns: of each camera, exposure of the newest complete, new, correctly stamped image.
         left_ns: the same for images whose left part was not covered.
         attitude_ns: measurement of the newest correct attitude."""
 
-    frame_ns: int = -1
-    left_ns: int = -1
+    frame_ns: list[int]
+    left_ns: list[int]
     attitude_ns: int = -1
+
+
+def cameras_of(seed: int) -> tuple[CameraInfo, ...]:
+    """The cameras of a flight: one that looks ahead, and in every third flight a second one that looks to the right and overlaps
+    its view, or does not."""
+    front = camera_info(160, 120, max_range_m=20.0)
+    if seed % 3:
+        return (front,)
+    mount = CameraMount(yaw_rad=math.radians(60.0 if seed % 2 else 85.0), x_m=0.1, y_m=0.15, z_m=-0.05)
+    return front, replace(front, camera="right", mount=mount)
 
 
 class FaultLoop:
@@ -82,18 +91,17 @@ class FaultLoop:
         faults: list[Fault],
         on_sent: Sent,
         avoid: AvoidParams | None = None,
-        service: Callable[[CameraInfo, AvoidParams, Extractor], Service] = Service,
+        service: Callable[[Sequence[CameraInfo], AvoidParams], Service] = Service,
     ) -> None:
         self.field, self.kind, self.faults, self.avoid = field, kind, faults, avoid or AvoidParams(send=True)
-        self.camera = camera_info(160, 120, max_range_m=20.0)
+        self.cameras = cameras_of(seed)
         self.flown_ns, self.mono_ns = 0, START_NS
-        self.estimate, self.evidence, self.switches = Estimate(), Evidence(), Switches()
+        self.estimate, self.evidence, self.switches = Estimate(), self._no_evidence(), Switches()
         self.began_ns = 0
         self._sensor = TYPICAL.scaled_to(160)
         self._rng, self._seed, self._on_sent = np.random.default_rng([6, seed]), seed, on_sent
-        self._extractor = Extractor()
         self._make_service = service
-        self.service: Service | None = service(self.camera, self.avoid, self._extractor)
+        self.service: Service | None = service(self.cameras, self.avoid)
         parameters = {"AVOID_MARGIN": 2.0, "PRX1_TYPE": 2.0} if kind == ARDUPILOT else {"CP_DIST": 3.0}
         self.autopilot = self._autopilot(1, -40 * NS)
         self.autopilot.parameters = dict(parameters)
@@ -107,9 +115,9 @@ class FaultLoop:
         self._pack = dialect.MAVLink(None, 1, 1)
         self._repeated: VehicleState | None = None
         self._attitude_bytes: dict[int, bytes] = {}
-        self._images: deque[NDArray[np.uint16]] = deque(maxlen=16)
-        self._repeating: list[NDArray[np.uint16]] = []
-        self._newest: DepthFrame | None = None
+        self._images: list[deque[NDArray[np.uint16]]] = [deque(maxlen=16) for _ in self.cameras]
+        self._repeating: list[list[NDArray[np.uint16]]] = [[] for _ in self.cameras]
+        self._newest: dict[str, DepthFrame] = {}
         self._frames = self._next_frame_ns = self._silent_until_ns = 0
         self._waiting = sorted(faults, key=lambda fault: fault.begin_ns)
 
@@ -146,20 +154,20 @@ class FaultLoop:
 
     def restart(self) -> None:
         """The service ends, and is started again."""
-        self.service, self._newest = None, None
+        self.service, self._newest = None, {}
         self._after(RESTART_NS, self._start)
 
     def suspend(self) -> None:
         """The computer is suspended. The service ends when it runs again."""
         still_ns = round(float(self._rng.choice([0.05, 0.5, 2.0]) * self._rng.uniform(0.5, 1.5)) * NS)
-        self.service, self._newest = None, None
+        self.service, self._newest = None, {}
         self.flown_ns += still_ns
         self._line.clear()
         self.restart()
 
     def _start(self) -> None:
-        self.service = self._make_service(self.camera, self.avoid, self._extractor)
-        self.evidence = Evidence()
+        self.service = self._make_service(self.cameras, self.avoid)
+        self.evidence = self._no_evidence()
         self.began_ns = self.flown_ns
 
     # ---- time ----------------------------------------------------------------------------------------------------------
@@ -175,7 +183,7 @@ class FaultLoop:
         self.mono_ns += round(STEP_NS * (1.0 + self.switches.clock_rate))
         before, self.switches = self.switches, switches_at(self.faults, self.flown_ns)
         if self.switches.repeats and not before.repeats:
-            self._repeating = list(self._images)[-self.switches.repeats :]
+            self._repeating = [list(images)[-self.switches.repeats :] for images in self._images]
         self._repeated = (
             (self._repeated or self.field.path.at(self.flown_ns / NS)) if self.switches.repeats_attitude else None
         )
@@ -190,9 +198,13 @@ class FaultLoop:
         self._autopilot_sends()
         if self.flown_ns >= self._next_frame_ns:
             self._next_frame_ns = self.flown_ns + FRAME_NS
-            if self.switches.delivers:
-                self._expose()
+            self._frames += 1
+            for number in range(len(self.cameras)):
+                self._expose(number)
         self._service_runs()
+
+    def _no_evidence(self) -> Evidence:
+        return Evidence([-1] * len(self.cameras), [-1] * len(self.cameras))
 
     def _after(self, delay_ns: int, act: Callable[[], None]) -> None:
         self._later.append((self.flown_ns + delay_ns, next(self._numbers), act))
@@ -271,25 +283,23 @@ class FaultLoop:
 
     # ---- camera --------------------------------------------------------------------------------------------------------
 
-    def _expose(self) -> None:
-        s, state = self.switches, self.truth()
-        self._frames += 1
-        R_ned_optical = state.R_ned_frd @ rotation_frd_optical(self.camera.mount)
-        scene = self.field.scene
+    def _expose(self, number: int) -> None:
+        """Exposes an image of a camera, which arrives later. number: of the camera."""
+        camera, state = self.cameras[number], self.truth()
+        s = self.switches if self.switches.broken_camera in (-1, number) else Switches()
+        R_ned_optical = state.R_ned_frd @ rotation_frd_optical(camera.mount)
+        lever_m = np.array([camera.mount.x_m, camera.mount.y_m, camera.mount.z_m])
+        at, scene = np.array(state.position_ned_m) + state.R_ned_frd @ lever_m, self.field.scene
         depth_m, _ = cast_rays(
-            scene.kinds,
-            scene.rows,
-            scene.corners,
-            scene.halfspaces,
-            self.camera.intrinsics,
-            R_ned_optical,
-            np.array(state.position_ned_m),
+            scene.kinds, scene.rows, scene.corners, scene.halfspaces, camera.intrinsics, R_ned_optical, at
         )
-        depth_mm = measure(depth_m, self.camera, self._sensor, self._seed, self._frames)
-        self._images.append(depth_mm)
+        depth_mm = measure(depth_m, camera, self._sensor, self._seed + 1000 * number, self._frames)
+        self._images[number].append(depth_mm)
+        if not s.delivers:
+            return
         frame_ns = left_ns = self.flown_ns
-        if s.repeats and self._repeating:
-            depth_mm, frame_ns, left_ns = self._repeating[self._frames % len(self._repeating)], -1, -1
+        if s.repeats and self._repeating[number]:
+            depth_mm, frame_ns, left_ns = self._repeating[number][self._frames % len(self._repeating[number])], -1, -1
         if s.covered:
             depth_mm = depth_mm.copy()
             depth_mm[:, : round(s.covered * depth_mm.shape[1])] = 0
@@ -301,19 +311,18 @@ class FaultLoop:
         if s.stamp_shift_ns:
             frame_ns = left_ns = -1
         late_ns = FRAME_LATE_NS + (s.frame_delay_ns if self._frames % 2 else 0)
-        number, stamp_ns = self._frames, self.mono_ns + s.stamp_shift_ns
+        sequence, stamp_ns = self._frames, self.mono_ns + s.stamp_shift_ns
 
         def arrive() -> None:
-            frame = DepthFrame(
-                camera=self.camera.camera,
-                sequence=number,
+            self._newest[camera.camera] = DepthFrame(
+                camera=camera.camera,
+                sequence=sequence,
                 t_exposure_ns=stamp_ns,
                 t_arrival_ns=self.mono_ns,
                 depth_mm=depth_mm,
             )
-            self._newest = frame
-            self.evidence.frame_ns = max(self.evidence.frame_ns, frame_ns)
-            self.evidence.left_ns = max(self.evidence.left_ns, left_ns)
+            self.evidence.frame_ns[number] = max(self.evidence.frame_ns[number], frame_ns)
+            self.evidence.left_ns[number] = max(self.evidence.left_ns[number], left_ns)
 
         self._after(late_ns, arrive)
 
@@ -331,9 +340,8 @@ class FaultLoop:
             service.receive(data, self.mono_ns)
             self.evidence.attitude_ns = max(self.evidence.attitude_ns, measured_ns)
         out: list[bytes] = []
-        if self._newest is not None:
-            out += service.frame(self._newest, self.mono_ns)
-            self._newest = None
+        while self._newest:
+            out += service.frame(self._newest.pop(next(iter(self._newest))), self.mono_ns)
         out += service.step(self.mono_ns, pipeline=not s.stops_pipeline, sender=not s.stops_sender)
         for data in out:
             if int.from_bytes(data[7:10], "little") == OBSTACLE_DISTANCE:

@@ -38,26 +38,29 @@ class Service:
     the autopilot."""
 
     def __init__(
-        self, camera: CameraInfo, avoid: AvoidParams, extractor: Extractor, timeout_s: float = ServiceParams().timeout_s
+        self, cameras: Sequence[CameraInfo], avoid: AvoidParams, timeout_s: float = ServiceParams().timeout_s
     ) -> None:
         self.avoid = avoid
         self.session = MavlinkSession(on_message=self._message, reads=READS)
         self.values = AutopilotValues(LastValuesFile(None))
         self.report: ObstacleReport | None = None
         params = Params()
-        self._detector = FrozenFrameDetector(SupervisorParams().frozen_frames, params.min_measured_share)
-        self._frozen = ""
+        self._detectors = {
+            c.camera: FrozenFrameDetector(SupervisorParams().frozen_frames, params.min_measured_share) for c in cameras
+        }
+        self._frozen = {c.camera: "" for c in cameras}
         self._queue = EventQueue()
-        self._pipeline = Pipeline((), lambda info: extractor)
+        self._pipeline = Pipeline((), lambda info: Extractor())
         seen = SeenCameras(
-            cameras=(camera.camera,),
+            cameras=tuple(c.camera for c in cameras),
             timeout_s=timeout_s,
             params=params,
-            frame_fault=lambda name: self._frozen,
+            frame_fault=lambda name: self._frozen[name],
         )
         self._builder = ObstacleReportBuilder(avoid, seen)
-        self._pipeline.announce(camera)
-        self._builder.announce(camera)
+        for camera in cameras:
+            self._pipeline.announce(camera)
+            self._builder.announce(camera)
         self._unread: list[tuple[bytes, int]] = []
         self._next_read_ns = self._next_decision_ns = self._next_tick_ns = 0
 
@@ -67,9 +70,10 @@ class Service:
 
     def frame(self, frame: DepthFrame, now_ns: int) -> list[bytes]:
         """Handles a frame as the camera's supervisor does: attitudes that arrived are read before it. Returns bytes to send."""
-        self._frozen = self._detector.check(frame)
+        detector = self._detectors[frame.camera]
+        self._frozen[frame.camera] = detector.check(frame)
         out: list[bytes] = []
-        if not self._frozen and not self._detector.repeats:
+        if not self._frozen[frame.camera] and not detector.repeats:
             out = self._read(now_ns)
             self._queue.put_frame(frame)
         return out

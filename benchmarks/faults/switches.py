@@ -16,6 +16,7 @@ class Switches:
     """The state of each part that a fault can change. The defaults are those without a fault.
 
     Attributes:
+        broken_camera: number of the camera that the faults of a camera concern; -1: all.
         delivers: the camera delivers frames.
         repeats: the camera repeats its newest images, of this number in turn, with new stamps; 0: it does not.
         stamp_shift_ns: added to the stamps of the camera.
@@ -38,6 +39,7 @@ class Switches:
         stops_pipeline, stops_sender, stops_all: threads, or the process, that do not run.
         clock_rate: by which CLOCK_MONOTONIC is corrected, seconds per second."""
 
+    broken_camera: int = -1
     delivers: bool = True
     repeats: int = 0
     stamp_shift_ns: int = 0
@@ -153,6 +155,8 @@ def random_faults(seed: int, begin_s: float, end_s: float, names: tuple[str, ...
     while True:
         name = names[int(rng.integers(len(names)))]
         changes, event, recovery_s = KINDS[name](rng)
+        if name.startswith("camera"):
+            changes["broken_camera"] = int(rng.integers(-1, 2))
         duration_s = 0.0 if event else float(rng.choice([0.15, 0.5, 1.5, 3.0]) * rng.uniform(0.7, 1.4))
         if t_s + duration_s + recovery_s > end_s:
             return faults

@@ -19,7 +19,7 @@ AVOID = AvoidParams(send=True, rays=2, slices=6, step_m=0.5)
 CLEAR_CM, UNKNOWN = 1201, 65535
 
 
-def flown(kind: str, faults: list[Fault], seconds: float, seed: int = 3, service: object = Service) -> Judge:
+def flown(kind: str, faults: list[Fault], seconds: float, seed: int = 4, service: object = Service) -> Judge:
     judge = Judge(faults, kind)
     loop = FaultLoop(random_field(seed, 20.0), kind, seed, faults, judge.sent, AVOID, service)  # type: ignore[arg-type]
     loop.fly(seconds)
@@ -39,10 +39,11 @@ def test_without_a_fault_sectors_are_clear_and_nothing_contradicts_the_truth(kin
     assert judge.seen_s[0] < 2.0
 
 
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("seed", [17, 6])
 def test_random_faults_are_never_sent_as_clear(seed: int) -> None:
-    judge = fly_faults(seed, (PX4, ARDUPILOT)[seed % 2], 22.0, avoid=AVOID)
-    assert len(judge.faults) >= 2
+    """The second flight has two cameras."""
+    judge = fly_faults(seed, (PX4, ARDUPILOT)[seed % 2], 16.0, avoid=AVOID)
+    assert len(judge.faults) >= 3
     assert judge.violations == []
     assert judge.clear > 100
 
@@ -71,7 +72,7 @@ def test_each_fault_is_never_sent_as_clear(kind: str, name: str) -> None:
 def test_the_judge_notices_a_service_that_uses_old_frames() -> None:
     late = partial(Service, timeout_s=2.0)
     judge = flown(PX4, [fault("camera", 3.0, 5.0, delivers=False)], 4.5, service=late)
-    assert any("after the newest image" in v.what for v in judge.violations)
+    assert any("s after the newest image" in v.what for v in judge.violations)
 
 
 def test_the_judge_notices_a_service_that_does_not_recover() -> None:
@@ -85,7 +86,7 @@ def test_the_judge_notices_a_service_that_does_not_recover() -> None:
 
 @pytest.mark.parametrize("value", [CLEAR_CM, 1150])
 def test_the_judge_notices_a_solid_in_a_clear_sector_and_one_nearer_than_sent(value: int) -> None:
-    loop = FaultLoop(random_field(3, 20.0), PX4, 3, [], lambda loop, values: None, AVOID)
+    loop = FaultLoop(random_field(10, 20.0), PX4, 10, [], lambda loop, values: None, AVOID)
     loop.flown_ns = NS
     nearest_m = loop.field.nearest_m(loop.truth(), 1.5)
     wrong = [s for s in range(-5, 6) if nearest_m[s] < 10.0]
@@ -99,10 +100,12 @@ def test_the_judge_notices_a_solid_in_a_clear_sector_and_one_nearer_than_sent(va
 
 
 def test_the_judge_notices_unknown_for_an_autopilot_that_treats_it_as_clear() -> None:
-    loop = FaultLoop(random_field(3, 20.0), ARDUPILOT, 3, [], lambda loop, values: None, AVOID)
+    loop = FaultLoop(random_field(4, 20.0), ARDUPILOT, 4, [], lambda loop, values: None, AVOID)
     judge = Judge([], ARDUPILOT)
     judge.sent(loop, [UNKNOWN] * 72)
-    assert [v.what for v in judge.violations] == ["unknown, which it treats as clear, where the camera looks"]
+    assert {v.what.partition(" is ")[2] for v in judge.violations} == {
+        "unknown, which it treats as clear, where a camera looks"
+    }
 
 
 def test_faults_are_those_of_their_seed_and_end() -> None:
