@@ -18,7 +18,7 @@ class Command:
 GROUPS: Final[dict[str, dict[str, Command]]] = {
     "try it without hardware": {
         "demo": Command(
-            "demo.demo",
+            "demo.command",
             "fly a simulated scene with the live service, replay the log and draw it",
             ("companion demo", "companion demo --fast -o /tmp/demo"),
         ),

@@ -16,7 +16,8 @@ from companion.cli import main
 from companion.config.camera import CameraConfig
 from companion.config.loader import Config, config_of, load_config
 from companion.config.service import AutopilotConfig
-from companion.demo.demo import CAMERA, EMBEDDED, MAX_FPS, DemoOptions, demo_config, scripts_outside_path
+from companion.demo.command import scripts_outside_path
+from companion.demo.demo import CAMERA, EMBEDDED, MAX_FPS, DemoOptions, demo_config
 from companion.demo.listener import ReceiveStats
 from companion.demo.live import DemoError, Processes, live_config, toml_of
 from companion.demo.sole_use import sole_use
