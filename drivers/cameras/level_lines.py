@@ -1,11 +1,14 @@
-"""Matches on level lines: rods, wires and rims along the image rows. See docs/explanation/stereo-depth.md.
+"""Matches on nearly level lines: rods, wires and rims along the image rows. See docs/explanation/stereo-depth.md.
 
 A level line has no differences of grey along the row, so nothing on it can be matched. The window of a match reaches to the rows
 above and below, and the texture there gives it the disparity of what is behind the line: a rod before a meadow would be measured as
 meadow. So a match on such a line counts only where the texture of its own row agrees in both images. Rows that belong to a line in
-part, or lie next to one, are dropped with it."""
+part, or lie next to one, are dropped with it. A line that is inclined by some degrees has weak differences along the row, and
+is treated alike: a vehicle that flies or a wire that sags inclines it."""
 
 from __future__ import annotations
+
+import math
 
 import cv2
 import numpy as np
@@ -17,6 +20,10 @@ Mask = NDArray[np.bool_]
 
 _LEAST_GREY = 3.0
 """Difference of grey over two rows, on average along a line."""
+_SLOPES_DEG = (-4.0, -2.0, 0.0, 2.0, 4.0)
+"""Inclinations in the image at which lines are looked for. A line of the least length may differ from one of them by a degree."""
+_COARSE_PX = 4
+"""Columns that are averaged before lines are followed. An inclined line leaves its row by at most a third of a pixel over them."""
 _COHERENCE = 0.75
 """Share of the mean square of that difference that its mean along the line makes up. For texture it is the inverse of the number of
 independent places along the line."""
@@ -29,11 +36,31 @@ _ROW_PX, _ROW_CORRELATION = 31, 0.6
 
 
 def level_lines(image: Gray, length_px: int) -> Mask:
-    """(H, W) whether a level edge at least length_px long passes through a pixel. image: (H, W) uint8."""
-    smooth = cv2.blur(np.asarray(image, np.float32), (3, 1))
+    """(H, W) whether an edge at least length_px long, inclined by at most 5 degrees, passes through a pixel. image: (H, W) uint8."""
+    height, width = image.shape
+    smooth = cv2.resize(
+        np.asarray(image, np.float32), (max(1, width // _COARSE_PX), height), interpolation=cv2.INTER_AREA
+    )
     down = cv2.filter2D(smooth, cv2.CV_32F, np.array([[-1.0], [0.0], [1.0]], np.float32))
-    mean, square = cv2.blur(down, (length_px, 1)), cv2.blur(down * down, (length_px, 1))
-    return np.asarray((np.abs(mean) >= _LEAST_GREY) & (mean * mean >= _COHERENCE * square))
+    found = np.zeros(down.shape, np.uint8)
+    for slope_deg in _SLOPES_DEG:
+        found |= _lines_of_slope(down, length_px // _COARSE_PX, _COARSE_PX * math.tan(math.radians(slope_deg)))
+    return np.asarray(cv2.resize(found, (width, height), interpolation=cv2.INTER_NEAREST), np.uint8).view(np.bool_)
+
+
+def _lines_of_slope(down: Image, length: int, slope: float) -> NDArray[np.uint8]:
+    """(H, W) 1 where a difference of grey over two rows (H, W) is coherent along lines of so many columns that fall by `slope` rows per
+    column."""
+    height, width = down.shape
+    beyond = math.ceil(0.5 * abs(slope) * width)
+    # moves each column so that these lines become rows
+    move = np.array([[1.0, 0.0, 0.0], [slope, 1.0, -0.5 * slope * width - beyond]])
+    size, flags = (width, height + 2 * beyond), cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+    rows = cv2.warpAffine(down, move, size, flags=flags, borderMode=cv2.BORDER_REPLICATE)
+    along = max(1, length), 1
+    mean, square = cv2.blur(rows, along), cv2.blur(rows * rows, along)
+    lines = ((np.abs(mean) >= _LEAST_GREY) & (mean * mean >= _COHERENCE * square)).view(np.uint8)
+    return np.asarray(cv2.warpAffine(lines, move, (width, height), flags=cv2.INTER_NEAREST), np.uint8)
 
 
 def own_row_agrees(left: Gray, right: Gray, disparity: Image) -> Mask:
@@ -60,7 +87,7 @@ def is_background(disparity: Image, lines: Mask) -> Mask:
 
 
 def without_level_lines(left: Gray, right: Gray, disparity: Image, length_px: int) -> Image:
-    """The disparity (H, W) float32 px, negative: none, without matches on level lines that their own row does not confirm."""
+    """The disparity (H, W) float32 px, negative: none, without matches on `level_lines` that their own row does not confirm."""
     lines = level_lines(left, length_px)
     if not lines.any():
         return disparity

@@ -1,6 +1,8 @@
-"""A level rod before texture is not measured as what is behind it; what its own row locates, or what stands out, stays."""
+"""A nearly level rod before texture is not measured as what is behind it; what its own row locates, or what stands out, stays."""
 
 from __future__ import annotations
+
+import math
 
 import numpy as np
 import pytest
@@ -36,6 +38,22 @@ def test_a_rod_is_not_measured_as_what_is_behind_it() -> None:
     assert rows.sum() >= 5  # more than the rows of a hole that is filled
     assert (kept[: TOP - 6] >= 0.0).all()
     assert (kept[TOP + ROWS + 6 :] >= 0.0).all()
+
+
+@pytest.mark.parametrize("slope_deg", [-4.5, -4.0, -3.0, -2.0, -1.0, 1.0, 2.0, 3.0, 4.0, 4.5])
+def test_an_inclined_rod_is_not_measured_as_what_is_behind_it(slope_deg: float) -> None:
+    """The vehicle rolls, or the rod is inclined: along 61 pixels it leaves its row, and was not found from 3 degrees on."""
+    left, right = pair(None)
+    rise = np.round(math.tan(math.radians(slope_deg)) * (np.arange(WIDTH) - WIDTH / 2)).astype(int)
+    v = np.arange(HEIGHT)[:, None]
+    rod = (v >= TOP + rise) & (v < TOP + rise + ROWS)
+    rng = np.random.Generator(np.random.PCG64(4))
+    images = [np.where(rod, 160.0 + rng.normal(0.0, 1.0, rod.shape), image).astype(np.uint8) for image in (left, right)]
+    kept = without_level_lines(images[0], images[1], np.full(left.shape, BEHIND_PX, np.float32), LENGTH_PX)
+    inner = np.s_[:, 40:-40]
+    assert (kept[inner][rod[inner]] < 0.0).mean() > 0.9
+    beside = (v < TOP + rise - 8) | (v > TOP + rise + ROWS + 8)
+    assert (kept[inner][beside[inner]] >= 0.0).mean() > 0.99
 
 
 def test_texture_without_a_line_stays() -> None:

@@ -13,6 +13,7 @@ from drivers.cameras.textureless import SmoothLimits, edges, mark_unmeasured, no
 HEIGHT, WIDTH = 180, 240
 LIMITS = SmoothLimits()
 Image = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 INNER = np.s_[20:-20, 20:-20]
 
 
@@ -169,27 +170,39 @@ def test_unmatched_texture_is_marked_and_dark_and_saturated_pixels_are_not() -> 
     assert (marks[95:115] == UNKNOWN_MM).all()
 
 
-def horizon_and_rod(rod_grey: float | None) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+def below_horizon(first: int, end: int, slope_deg: float) -> Mask:
+    """(H, W) rows first..end - 1 of a view whose horizon, in row 90 at the middle, is inclined."""
+    rise = np.round(np.tan(np.radians(slope_deg)) * (np.arange(WIDTH) - WIDTH / 2)).astype(int)
+    v = np.arange(HEIGHT)[:, None] - rise
+    return np.asarray((v >= first) & (v < end))
+
+
+def horizon_and_rod(rod_grey: float | None, slope_deg: float = 0.0) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
     """A sky that ends at row 90, unmatched texture below it, and 8 rows lower a level rod of two rows."""
     image = sky()
     rng = np.random.Generator(np.random.PCG64(6))
-    image[90:] = 90.0 + 12.0 * rng.standard_normal((HEIGHT - 90, WIDTH))
+    ground = below_horizon(90, 2 * HEIGHT, slope_deg)
+    image[ground] = 90.0 + 12.0 * rng.standard_normal(int(ground.sum()))
     if rod_grey is not None:
-        image[98:100] = rod_grey
+        image[below_horizon(98, 100, slope_deg)] = rod_grey
     return pair(image)
 
 
+@pytest.mark.parametrize("roll_deg", [-4.0, -3.0, -2.0, -1.0, 0.0, 1.0, 2.0, 3.0, 4.0])
 @pytest.mark.parametrize(("rod_grey", "is_unknown"), [(150.0, True), (40.0, True), (None, False)])
 def test_a_level_line_below_the_horizon_is_unknown_and_the_horizon_is_not(
-    rod_grey: float | None, is_unknown: bool
+    rod_grey: float | None, is_unknown: bool, roll_deg: float
 ) -> None:
     """Texture without a match is passed over for 1.5 degrees below the sky, a rod must not be."""
-    left, right = horizon_and_rod(rod_grey)
+    left, right = horizon_and_rod(rod_grey, roll_deg)
     nothing = np.full((HEIGHT, WIDTH), -1.0, np.float32)
-    marks = mark_unmeasured(np.zeros((HEIGHT, WIDTH), np.uint16), nothing, left, right, LIMITS)
-    assert (marks[97:101, 20:-20] == UNKNOWN_MM).mean() == pytest.approx(float(is_unknown), abs=0.05)
-    assert (marks[89:93, 20:-20] == TEXTURED_MM).mean() > 0.98
-    assert (marks[105:-10, 20:-20] == TEXTURED_MM).mean() > 0.98
+    marks = mark_unmeasured(np.zeros((HEIGHT, WIDTH), np.uint16), nothing, left, right, LIMITS)[:, 20:-20]
+    rod, edge, ground = (
+        below_horizon(*rows, roll_deg)[:, 20:-20] for rows in ((97, 101), (90, 92), (105, HEIGHT - 20))
+    )
+    assert (marks[rod] == UNKNOWN_MM).mean() == pytest.approx(float(is_unknown), abs=0.1)
+    assert (marks[edge] == TEXTURED_MM).mean() > 0.98
+    assert (marks[ground] == TEXTURED_MM).mean() > 0.98
 
 
 def test_what_is_matched_on_a_level_line_stays() -> None:
