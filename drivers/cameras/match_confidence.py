@@ -27,6 +27,7 @@ What fails a rule is no measurement."""
 from __future__ import annotations
 
 import functools
+import math
 from dataclasses import dataclass
 
 import cv2
@@ -176,30 +177,46 @@ def _rows(height: int, width: int) -> Image:
 
 def repetitive(left: Gray, period: float, period_px: int) -> Mask:
     """(H, W) whether the left image repeats itself along the row, with a period of 3 to period_px columns and a correlation of at
-    least `period` over three periods and more, in most of the neighbourhood. Looked at in bands of rows."""
+    least `period` over three periods and more, in most of the neighbourhood. Looked at in bands of rows.
+
+    Periods up to a third of the first window are looked for in steps of half a pixel: whole pixels lie too far beside the peak
+    of a period of 3.3 pixels, as of a net."""
     height, width = left.shape
     band = cv2.resize(derivative(left), (width, max(1, height // _BAND_PX)), interpolation=cv2.INTER_AREA)
-    least, found = np.ones_like(band), np.zeros(band.shape, np.float32)
-    last = min(period_px + 1, width // 2)
-    for window_px in _PERIOD_WINDOWS_PX:
-        shifts = range(
-            _LEAST_SHIFT_PX if window_px == _PERIOD_WINDOWS_PX[0] else window_px // 6 + 1, min(last, window_px // 3 + 1)
-        )
-        size = (window_px, 1)
-        scale = np.float32(1.0) / np.sqrt(cv2.boxFilter(band * band, cv2.CV_32F, size) + np.float32(_LEAST_POWER))
-        for shift in shifts:
-            ratio = cv2.boxFilter(band[:, shift:] * band[:, :-shift], cv2.CV_32F, size)
-            ratio *= scale[:, shift:]
-            ratio *= scale[:, :-shift]
-            lowest = least[:, shift:]
-            # a smooth edge is like itself at small shifts: a repetition is a likeness that ends and returns
-            again = (ratio >= period) & (lowest <= ratio - np.float32(_DIP))
-            found[:, shift:][again] = 1.0
-            found[:, :-shift][again] = 1.0
-            np.minimum(lowest, ratio, out=lowest)
+    last = min(period_px, width // 2 - 1)
+    first_px, *longer_px = _PERIOD_WINDOWS_PX
+    fine = cv2.resize(band, (2 * width, len(band)), interpolation=cv2.INTER_CUBIC)
+    found, least = np.zeros(fine.shape, np.float32), np.ones_like(fine)
+    # from half of the least period on, where it is least like itself; a step may lie half a step beside the peak
+    shortest, longest = 2 * _LEAST_SHIFT_PX, 2 * min(last, first_px // 3)
+    limits = {
+        s: period * math.cos(math.pi / s) if s >= shortest else math.inf for s in range(shortest // 2, longest + 1)
+    }
+    _add_repetition(fine, 2 * first_px, limits, least, found)
+    found, least = np.maximum(found[:, ::2], found[:, 1::2]), np.minimum(least[:, ::2], least[:, 1::2])
+    for window_px in longer_px:
+        limits = dict.fromkeys(range(window_px // 6 + 1, min(last, window_px // 3) + 1), period)
+        _add_repetition(band, window_px, limits, least, found)
     # two poles are alike too; a repetition fills an area
     area = (cv2.blur(found, _PERIOD_AREA) >= 0.5).astype(np.uint8)
     return np.asarray(cv2.resize(area, (width, height), interpolation=cv2.INTER_NEAREST) > 0)
+
+
+def _add_repetition(band: Image, window_px: int, limits: dict[int, float], least: Image, found: Image) -> None:
+    """Sets `found` to 1 where a band (N, W) is like itself after a shift. limits: least correlation of each shift, in rising order;
+    least: (N, W) the least correlation at smaller shifts. found, least: (N, W) float32, in and out."""
+    size = (window_px, 1)
+    scale = np.float32(1.0) / np.sqrt(cv2.boxFilter(band * band, cv2.CV_32F, size) + np.float32(_LEAST_POWER))
+    for shift, limit in limits.items():
+        ratio = cv2.boxFilter(band[:, shift:] * band[:, :-shift], cv2.CV_32F, size)
+        ratio *= scale[:, shift:]
+        ratio *= scale[:, :-shift]
+        lowest = least[:, shift:]
+        # a smooth edge is like itself at small shifts: a repetition is a likeness that ends and returns
+        again = (ratio >= np.float32(limit)) & (lowest <= ratio - np.float32(_DIP))
+        found[:, shift:][again] = 1.0
+        found[:, :-shift][again] = 1.0
+        np.minimum(lowest, ratio, out=lowest)
 
 
 def patches(disparity: Image, patch_px: int, step_px: float) -> Image:

@@ -98,6 +98,22 @@ def test_a_fence_matches_itself_at_other_disparities() -> None:
     assert not (accepted_matches(left, right, found, ALL)[inner] >= 0.0).any()
 
 
+@pytest.mark.parametrize("period_px", [3.0, 3.15, 3.3, 3.5, 3.8, 4.5, 5.5, 6.5, 7.5, 9.7])
+def test_a_net_repeats_itself_whatever_its_period(period_px: float) -> None:
+    """A mesh of 3 cm at 3 to 10 m. A period between whole pixels was not found, and parts of the net were measured twice as far away."""
+    u = np.arange(8 * WIDTH) / 8.0
+    fine = np.where(u % period_px < 0.3 * period_px, 70.0, 110.0)
+    image = np.broadcast_to(fine.reshape(-1, 8).mean(axis=1), (HEIGHT, WIDTH))
+    assert repetitive(noisy(image, 1.0, 7), ALL.period, ALL.period_px)[:, 40:-40].mean() > 0.95
+
+
+@pytest.mark.parametrize("grain_px", [0.5, 0.7, 1.0, 2.0])
+def test_texture_does_not_repeat_itself(grain_px: float) -> None:
+    texture = cv2.GaussianBlur(rng(8).standard_normal((HEIGHT, WIDTH)), (0, 0), grain_px)
+    image = 120.0 + 25.0 * texture / texture.std()
+    assert repetitive(noisy(image, 1.0, 9), ALL.period, ALL.period_px).mean() < 0.005
+
+
 def test_two_poles_are_no_repetition() -> None:
     image = np.full((HEIGHT, WIDTH + D), 180.0)
     image[:, 150:153] = image[:, 170:173] = 80.0
