@@ -17,8 +17,10 @@ from companion.guard.braking import braking_of
 from companion.guard.path_sight import path_sight
 from companion.guard.velocity_hold import VelocityHold
 from companion.pipeline.pipeline import Pipeline
+from companion.pipeline.results import PrismsResult
 from core.types import AttitudeSample, PoseSample
 
+from .made_up import frame
 from .test_obstacle_sender import AVOID, CAMERA, Chain
 from .test_sectors import model, wall_at
 
@@ -86,6 +88,23 @@ def test_what_a_frame_without_a_position_shows_comes_nearer_by_the_velocity(use_
     sight = path_sight(sights[-1], AVOID, GuardParams())
     assert min(sight.obstacle_m, sight.weak_obstacle_m) == pytest.approx(7.0, abs=0.03)
     assert sight.free_m <= 6.5
+
+
+def test_the_distance_flown_counts_from_the_exposure_and_not_from_the_arrival() -> None:
+    """At 10 m/s and with frames that arrive 0.2 s after their exposure a wall was sent 2 m too far."""
+    chain = Chain(model(wall_at(0.0, 9.0, 12.0), free_to_m=8.5, view_deg=72.0))
+    chain.pipeline = Pipeline((CAMERA,), lambda info: chain.sees, SyncParams(use_pose=False))
+    chain.position, chain.speed = (0.0, 0.0, -5.0), (10.0, 0.0, 0.0)
+    chain.fly(0.3, frames=False)
+    for _ in range(4):
+        chain.fly(0.1, frames=False)
+        chain.sequence += 1
+        for output in chain.pipeline.handle(frame(chain.sequence, chain.now_ns - 200 * MS, chain.now_ns)):
+            if isinstance(output, PrismsResult):
+                chain.builder.result(output)
+    ahead_cm = chain.ahead()
+    assert ahead_cm is not None
+    assert abs(ahead_cm - 100 * (9.0 - 0.3 - 2.0)) < 10
 
 
 def test_the_guard_subtracts_the_distance_flown_since_the_exposure_where_position_and_velocity_are_lost() -> None:
