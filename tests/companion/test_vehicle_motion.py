@@ -63,6 +63,14 @@ def test_a_late_copy_does_not_bring_an_earlier_velocity_back() -> None:
     assert motion.newest_pose.t_ns == 100 * MS
 
 
+def test_an_old_velocity_is_not_the_present_one() -> None:
+    motion = VehicleMotion()
+    motion.samples([PoseSample(1000 * MS, 1000 * MS, (0.0, 0.0, -5.0), (3.0, 0.0, 0.0))])
+    motion.catch_up(1000 * MS)
+    assert motion.velocity_ned_m_s(1500 * MS) == (3.0, 0.0, 0.0)
+    assert motion.velocity_ned_m_s(1501 * MS) is None
+
+
 @pytest.mark.parametrize("yaw_deg", [0.0, 120.0])
 @pytest.mark.parametrize("use_pose", [True, False])
 def test_what_a_frame_without_a_position_shows_comes_nearer_by_the_velocity(use_pose: bool, yaw_deg: float) -> None:
