@@ -26,14 +26,12 @@ from ..config.loader import Config
 from ..diagnostic import DiagnosticCode
 from ..guard.heading_advice import heading_advice, look_all_around
 from ..guard.stop_advice import stop_advice
-from ..live.diagnostics import MIN_ATTITUDE_HZ, attitude_rate_low, clock_uncertain_text
+from ..live.diagnostics import MIN_ATTITUDE_HZ, MIN_RATE_SHARE, attitude_rate_low, clock_uncertain_text
 from ..paths import FolderError, folders
 from .finding import Finding
 from .wait import wait_until
 
 NS = 1_000_000_000
-MIN_RATE_SHARE = 0.8
-"""Least share of the requested attitude rate; a lower rate shows that the link or the autopilot limits it."""
 RATE_WINDOW_NS = 3 * NS
 """Rates are measured over two seconds."""
 

@@ -17,14 +17,13 @@ from ..config.camera import CameraConfig
 from ..config.camera_kinds import RECORDED, live_kinds
 from ..config.loader import Config
 from ..diagnostic import DiagnosticCode
+from ..live.diagnostics import MIN_RATE_SHARE
 from .finding import Finding
 from .wait import wait_until
 
 NS = 1_000_000_000
 MIN_MEASURED_SHARE = 0.05
 """Least share of measured pixels on the ground, unless [expert] min_measured_share is greater: frames with fewer are invalid."""
-MIN_RATE_SHARE = 0.8
-"""Least share of the configured frame rate."""
 
 
 def camera_findings(config: Config, patience_s: float) -> Iterator[Finding]:

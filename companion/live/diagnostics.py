@@ -10,6 +10,7 @@ from drivers.mavlink.session_types import LinkStatus
 
 from ..autopilot.clock_note import LARGE_BOUND_NS
 from ..autopilot.conflict_codes import conflict_diagnostics
+from ..cameras.status import CameraCondition
 from ..config.camera import CameraConfig
 from ..config.loader import Config
 from ..config.template_intrinsics import template_texts
@@ -25,6 +26,8 @@ ATTITUDE_OLD_NS = NS // 2
 MIN_ATTITUDE_HZ = 10.0
 """Below this rate the attitudes before and after an exposure are 0.1 s or more apart: interpolation is inaccurate in a
 turn, and with [sync] max_gap_s = 0.15 a frame is dropped as soon as one attitude is lost."""
+MIN_RATE_SHARE = 0.8
+"""Least share of a configured rate that arrives."""
 LOW_FOR_NS = 3 * NS
 """The rate is measured over two seconds and must stay low for longer than it takes to settle after a start."""
 WELL_MEASURED_SHARE = 0.9
@@ -166,6 +169,31 @@ class AttitudeRateCheck:
         if self._low_since_ns is None:
             self._low_since_ns = now_ns
         return [attitude_rate_low(rate_hz, self._wanted_hz)] if now_ns - self._low_since_ns >= LOW_FOR_NS else []
+
+
+class CameraRateCheck:
+    """Reports cameras that stay slower than configured while they run. Not the simulated one: it renders as fast as the
+    computer can."""
+
+    def __init__(self, cameras: Iterable[CameraConfig]) -> None:
+        self._fps = {c.name: c.fps for c in cameras if c.kind != "simulated"}
+        self._low_since_ns: dict[str, int] = {}
+
+    def check(self, views: Iterable[CameraView], now_ns: int) -> list[Diagnostic]:
+        """The diagnostics of all cameras."""
+        found = []
+        for view in views:
+            name, hz = view.status.camera, view.hz
+            fps = self._fps.get(name, 0.0)
+            if view.status.condition != CameraCondition.RUNNING or hz >= MIN_RATE_SHARE * fps:
+                self._low_since_ns.pop(name, None)
+            elif now_ns - self._low_since_ns.setdefault(name, now_ns) >= LOW_FOR_NS:
+                text = (
+                    f"camera {name}: {hz:.1f} Hz arrive, fps = {fps:g} is configured; check that the camera is on USB 3 and used "
+                    "by this process only, and that the scene is lit: automatic exposure can lower the rate"
+                )
+                found.append(Diagnostic(DiagnosticCode.CAMERA_RATE_LOW, name, text))
+        return found
 
 
 class GroundCheck:

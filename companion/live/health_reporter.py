@@ -18,6 +18,7 @@ from ..self_check.mount_yaw import MountYaw, add_yaw
 from .counts import FrameRates, RecentLosses
 from .diagnostics import (
     AttitudeRateCheck,
+    CameraRateCheck,
     GroundCheck,
     diagnostics_of,
     misaligned,
@@ -63,6 +64,7 @@ class HealthReporter:
         self._changed_safety_keys = safety_lines(config)
         self._template = template_intrinsics(config.cameras)
         self._attitude_rate, self._ground = AttitudeRateCheck(config.autopilot.attitude_hz), GroundCheck()
+        self._camera_rates = CameraRateCheck(config.cameras)
         self._mounts = MountWatch(config.extractor.ground_max_slope)
         self._rates, self._losses, self._usage = FrameRates(), RecentLosses(), ProcessUsage()
         self._computer = ComputerStatus(state) if config.autopilot.computer_status else None
@@ -171,8 +173,8 @@ class HealthReporter:
         if parts.share is not None:
             found += parts.share.diagnostics(now_ns)
         rate_hz = 0.0 if autopilot is None else autopilot.link.attitude_hz
-        rate = self._attitude_rate.check(rate_hz, now_ns)
-        found += [*self._template, *misaligned(views), *rate, *ground]
+        rates = self._camera_rates.check(views, now_ns) + self._attitude_rate.check(rate_hz, now_ns)
+        found += [*self._template, *misaligned(views), *rates, *ground]
         return [*found, *offset_warnings(self._config, views), *yaw_warnings(yaws)]
 
     def _report(self, views: list[CameraView], autopilot: AutopilotView | None) -> pb.Health:

@@ -10,6 +10,7 @@ from typing import Any, cast
 
 import pytest
 
+from companion.cameras.status import CameraCondition, CameraStatus
 from companion.config.camera import CameraConfig
 from companion.config.loader import Config, config_of, load_config
 from companion.config.template_intrinsics import TEMPLATE_V4L2_PX, TEMPLATE_ZED_CALIBRATION
@@ -20,11 +21,12 @@ from companion.live.diagnostics import (
     GROUND_FRAMES,
     MIN_ATTITUDE_HZ,
     AttitudeRateCheck,
+    CameraRateCheck,
     GroundCheck,
     diagnostics_of,
     template_intrinsics,
 )
-from companion.live.health import AutopilotView, autopilot_message
+from companion.live.health import AutopilotView, CameraView, autopilot_message
 from companion.live.service import Service
 from companion.paths import Folders
 from drivers.mavlink.clock_sync import ClockEstimate, ClockSource
@@ -78,6 +80,35 @@ def test_a_rate_that_rises_or_ends_is_not_low() -> None:
     assert check.check(2.0, 4 * S) == []
     assert check.check(0.0, 6 * S) == []  # silence is reported by its age
     assert check.check(2.0, 8 * S) == []
+
+
+def at_rate(hz: float, condition: CameraCondition = CameraCondition.RUNNING) -> list[CameraView]:
+    status = CameraStatus(camera="front", condition=condition, cause="", since_ns=0)
+    return [CameraView(status=status, required=True, blind="", age_ns=0, hz=hz)]
+
+
+def test_a_camera_that_is_slower_than_configured_is_named_after_three_seconds() -> None:
+    """A camera that falls back to USB 2 in flight shows an obstacle later, and the service reported OK."""
+    check = CameraRateCheck([CameraConfig(name="front", kind="oak", fps=30.0)])
+    assert check.check(at_rate(23.9), 0) == []
+    assert check.check(at_rate(4.0), 3 * S - 1) == []
+    (found,) = check.check(at_rate(4.0), 3 * S)
+    assert (found.code, found.camera) == ("camera_rate_low", "front")
+    for part in ("camera front", "4.0 Hz", "fps = 30", "USB 3"):
+        assert part in found.text
+    assert check.check(at_rate(24.0), 4 * S) == []
+    assert check.check(at_rate(4.0), 5 * S) == []
+
+
+def test_a_camera_that_does_not_run_has_no_low_rate() -> None:
+    """It is reported with its cause. The simulated camera renders as fast as the computer can."""
+    check = CameraRateCheck([CameraConfig(name="front", kind="oak")])
+    for second in range(9):
+        assert check.check(at_rate(0.0, CameraCondition.LOST), second * S) == []
+    assert check.check(at_rate(9.0), 9 * S) == []
+    simulated = CameraRateCheck([CameraConfig(name="front", kind="simulated")])
+    for second in range(9):
+        assert simulated.check(at_rate(2.0), second * S) == []
 
 
 def test_doctor_names_a_low_rate_of_the_attitude() -> None:
