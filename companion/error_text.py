@@ -8,7 +8,7 @@ from typing import Final
 
 _NO_SPACE: Final = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 _TOO_LARGE: Final = (
-    "its disk, or `ulimit -f`, allows no larger file; write to another disk with -o (FAT32 takes 4 GB a file at most)"
+    "its disk, or `ulimit -f`, allows no larger file; give a path on another disk (FAT32 takes 4 GB a file at most)"
 )
 
 

@@ -67,7 +67,7 @@ def test_the_next_run_starts_after_a_full_disk(
         assert main(words) == 1
     err = capsys.readouterr().err
     assert f"{out}: File too large" in err
-    assert "-o" in err
+    assert "another disk" in err
     assert not list(tmp_path.glob("out.mcap*"))
     assert main(words) == 0
     assert out.read_bytes() == whole

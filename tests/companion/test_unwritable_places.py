@@ -122,7 +122,7 @@ def test_a_full_disk_leaves_no_empty_copy_of_a_configuration(tmp_path: Path) -> 
     target = tmp_path / "oak.toml"
     done = companion_with_full_disk("configs", "oak", "-o", str(target))
     assert done.returncode == 1
-    assert f"{target}: File too large; check the path" in done.stderr
+    assert f"{target}: File too large: its disk" in done.stderr
     assert list(tmp_path.iterdir()) == []
 
 
