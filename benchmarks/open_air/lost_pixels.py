@@ -43,7 +43,7 @@ _HALF_HEIGHT_M = 0.25
 _BAND_DEG = 5.0
 _RINGS_M = np.arange(1.0, TO_M + 0.01, 0.5)
 RULES: tuple[tuple[str, tuple[str, ...]], ...] = (
-    ("correlation, texture", ("correlation", "strong_correlation", "texture")),
+    ("correlation, texture", ("correlation", "strong_correlation", "far_correlation", "texture")),
     ("repetition", ("period",)),
     ("patch", ("patch_px", "patch_per_px")),
     ("shared edge", ("shared",)),

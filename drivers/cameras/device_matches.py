@@ -5,15 +5,20 @@ docs/explanation/stereo-depth.md."""
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
 from core.types import UNKNOWN_MM
 
-from .match_confidence import accepted_matches
+from .match_confidence import ConfidenceLimits, accepted_matches
 from .stereo import MatchParams, confidence_limits
 
 Gray = NDArray[np.uint8]
+
+_LEVEL_CORRELATION = 0.6
+"""Lower than for matches of the host, whose fraction of a pixel is refined."""
 
 
 def needs_images(match: MatchParams) -> bool:
@@ -31,6 +36,13 @@ def disparity_of(depth_mm: NDArray[np.uint16], f_b_px_m: float) -> NDArray[np.fl
     return disparity
 
 
+def device_limits(match: MatchParams) -> ConfidenceLimits:
+    """The limits of the confidence rules for matches of a device: those for refined matches are lower."""
+    return replace(
+        confidence_limits(match), far_correlation=match.strong_correlation, level_correlation=_LEVEL_CORRELATION
+    )
+
+
 def confirmed_depth(
     depth_mm: NDArray[np.uint16], pair: tuple[Gray, Gray], f_b_px_m: float, match: MatchParams
 ) -> NDArray[np.uint16]:
@@ -38,5 +50,5 @@ def confirmed_depth(
 
     depth_mm: (H, W) uint16, aligned with the left image, 0: none. pair: rectified left and right image, each (H, W) uint8.
     f_b_px_m: focal length of the rectified images times baseline."""
-    accepted = accepted_matches(*pair, disparity_of(depth_mm, f_b_px_m), confidence_limits(match))
+    accepted = accepted_matches(*pair, disparity_of(depth_mm, f_b_px_m), device_limits(match))
     return np.where(accepted >= 0.0, depth_mm, np.uint16(UNKNOWN_MM))

@@ -31,8 +31,8 @@ _REACH_ROWS = 2
 """Rows above and below the edge of a line that are tested: a line is up to twice as wide, plus the rows of its edges."""
 _BESIDE_ROWS, _STEP_PX = 8, 1.0
 """A match that is nearer by more than this step than what lies so many rows above or below is not that."""
-_ROW_PX, _ROW_CORRELATION = 31, 0.6
-"""Columns of one row that must agree by this correlation."""
+_ROW_PX = 31
+"""Columns of one row that must agree."""
 
 
 def level_lines(image: Gray, length_px: int) -> Mask:
@@ -63,8 +63,9 @@ def _lines_of_slope(down: Image, length: int, slope: float) -> NDArray[np.uint8]
     return np.asarray(cv2.warpAffine(lines, move, (width, height), flags=cv2.INTER_NEAREST), np.uint8)
 
 
-def own_row_agrees(left: Gray, right: Gray, disparity: Image) -> Mask:
-    """(N, W) whether both images agree at a disparity along the row of a pixel, without the rows beside it. All (N, W)."""
+def own_row_agrees(left: Gray, right: Gray, disparity: Image, correlation: float) -> Mask:
+    """(N, W) whether both images agree by this correlation at a disparity along the row of a pixel, without the rows beside it. All
+    (N, W)."""
     kernel = np.array([[-0.5, 0.0, 0.5]], np.float32)
     columns = np.arange(left.shape[1], dtype=np.float32)[None, :] - disparity
     rows = np.broadcast_to(np.arange(left.shape[0], dtype=np.float32)[:, None], left.shape)
@@ -75,7 +76,7 @@ def own_row_agrees(left: Gray, right: Gray, disparity: Image) -> Mask:
         return np.asarray(cv2.blur(values, (_ROW_PX, 1)), np.float32)
 
     both = mean(g_left * g_left) * mean(g_right * g_right)
-    return np.asarray(mean(g_left * g_right) > np.float32(_ROW_CORRELATION) * np.sqrt(both))
+    return np.asarray(mean(g_left * g_right) > np.float32(correlation) * np.sqrt(both))
 
 
 def is_background(disparity: Image, lines: Mask) -> Mask:
@@ -86,8 +87,9 @@ def is_background(disparity: Image, lines: Mask) -> Mask:
     return np.asarray((disparity >= 0.0) & np.isfinite(farthest) & (disparity - farthest <= _STEP_PX))
 
 
-def without_level_lines(left: Gray, right: Gray, disparity: Image, length_px: int) -> Image:
-    """The disparity (H, W) float32 px, negative: none, without matches on `level_lines` that their own row does not confirm."""
+def without_level_lines(left: Gray, right: Gray, disparity: Image, length_px: int, correlation: float) -> Image:
+    """The disparity (H, W) float32 px, negative: none, without matches on `level_lines` that their own row does not confirm by this
+    correlation."""
     lines = level_lines(left, length_px)
     if not lines.any():
         return disparity
@@ -97,6 +99,6 @@ def without_level_lines(left: Gray, right: Gray, disparity: Image, length_px: in
     rows = np.flatnonzero(wrong.any(axis=1))
     if not len(rows):
         return disparity
-    wrong[rows] &= ~own_row_agrees(left[rows], right[rows], disparity[rows])
+    wrong[rows] &= ~own_row_agrees(left[rows], right[rows], disparity[rows], correlation)
     dropped = cv2.dilate(wrong.view(np.uint8), near).view(np.bool_) & tested
     return np.where(dropped, np.float32(-1.0), disparity)

@@ -51,6 +51,8 @@ _LEAST_MATCHED = 0.5
 """Share of the window that must have a disparity."""
 _FAR_PX = 1.0
 """Matches of less disparity are far."""
+BACKGROUND_PX = 4.0
+"""Matches of less disparity may be what is behind a rod, which the window measures in its place."""
 _ROW_PX, _ROW_CORRELATION = 31, 0.6
 """Columns of one row that must agree by this correlation where a far row is kept."""
 _PATCH_STEP_PX = 1.5
@@ -78,18 +80,20 @@ _PERIOD_AREA = (31, 3)
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ConfidenceLimits:
     """window_px: side of the window, odd. correlation: least correlation of both derivatives, 0: rule off;
-    strong_correlation: the same where the texture is far above the noise. texture: least
+    strong_correlation: the same where the texture is far above the noise; far_correlation: the same for matches of less than
+    BACKGROUND_PX. texture: least
     variance of the derivative over that of the noise, 0: off. period: correlation of the left image with itself from which on
     it repeats, 1: off; period_px: greatest period looked for. patch_px: smaller patches of similar disparity are dropped, 0: off;
     patch_per_px: so are those of fewer pixels for each pixel of their disparity, 0: off. An upright edge is 3 to 4 px wide: with 3
     it must be about as high as the baseline is long.
     shared: patches of one edge are dropped of which a greater share lies where other matches lie in the right image, 1: off.
     smear_px, smear_rows: columns and rows of the border of accepted areas beside unmeasured ones that are dropped, 0: off.
-    level_px: length of level lines on which a match counts only where its own row agrees, 0: off."""
+    level_px: length of level lines on which a match counts only where its own row agrees by level_correlation, 0: off."""
 
     window_px: int = 7
     correlation: float = 0.7
     strong_correlation: float = 0.85
+    far_correlation: float = 0.91
     texture: float = 3.0
     period: float = 0.9
     period_px: int = 48
@@ -99,6 +103,7 @@ class ConfidenceLimits:
     smear_px: int = 1
     smear_rows: int = 4
     level_px: int = 61
+    level_correlation: float = 0.8
 
 
 EVERY_MATCH = ConfidenceLimits(
@@ -132,7 +137,7 @@ def derivative(image: Gray) -> Image:
     return np.asarray(cv2.Sobel(image, cv2.CV_32F, 1, 0, ksize=3, scale=_SOBEL_SCALE), np.float32)
 
 
-def _derivatives(left: Gray, right: Gray, disparity: Image) -> tuple[Image, Image]:
+def derivatives_at_match(left: Gray, right: Gray, disparity: Image) -> tuple[Image, Image]:
     """The derivative of the left image, and that of the right one where the disparity says; (H, W) float32 each."""
     columns = np.arange(left.shape[1], dtype=np.float32)[None, :] - disparity
     at_match = cv2.remap(derivative(right), columns, _rows(*left.shape), cv2.INTER_LINEAR)
@@ -142,7 +147,7 @@ def _derivatives(left: Gray, right: Gray, disparity: Image) -> tuple[Image, Imag
 def match_statistics(left: Gray, right: Gray, disparity: Image, window_px: int) -> MatchStatistics:
     """How well both images agree at a disparity (H, W) float32 px, negative: none. left, right: (H, W) uint8, rectified."""
     found = (disparity >= 0.0).astype(np.float32)
-    g_left, g_right = (g * found for g in _derivatives(left, right, disparity))
+    g_left, g_right = (g * found for g in derivatives_at_match(left, right, disparity))
 
     def mean(image: Image) -> Image:
         return np.asarray(cv2.boxFilter(image, cv2.CV_32F, (window_px, window_px)), np.float32)
@@ -290,7 +295,7 @@ def without_shared(disparity: Image, share: float, step_px: float) -> Image:
 def rows_agree(left: Gray, right: Gray, disparity: Image) -> Mask:
     """(H, W) whether the derivatives of both images agree at a disparity along the row of a pixel alone, and along both rows beside
     it: the derivative of a row holds a quarter of what these show."""
-    g_left, g_right = _derivatives(left, right, disparity)
+    g_left, g_right = derivatives_at_match(left, right, disparity)
 
     def mean(image: Image) -> Image:
         return np.asarray(cv2.boxFilter(image, cv2.CV_32F, (_ROW_PX, 1)))
@@ -323,7 +328,9 @@ def accepted_matches(left: Gray, right: Gray, disparity: Image, limits: Confiden
         s = match_statistics(left, right, disparity, limits.window_px)
         good &= s.matched >= _LEAST_MATCHED
         if limits.correlation > 0.0:
-            strong = np.float32(limits.strong_correlation) - _NOISE_SHARES * s.noise_variance / s.variance
+            far = disparity < BACKGROUND_PX
+            strong = np.where(far, np.float32(limits.far_correlation), np.float32(limits.strong_correlation))
+            strong -= _NOISE_SHARES * s.noise_variance / s.variance
             good &= s.correlation >= np.maximum(strong, np.float32(limits.correlation))
         good &= s.variance >= limits.texture * s.noise_variance
     if limits.period < 1.0:
@@ -340,5 +347,5 @@ def accepted_matches(left: Gray, right: Gray, disparity: Image, limits: Confiden
         located = far & rows_agree(left, right, kept) if far.any() else far
         kept = without_smear(kept, limits.smear_px, limits.smear_rows, limits.window_px, located)
     if limits.level_px:
-        kept = without_level_lines(left, right, kept, limits.level_px)
+        kept = without_level_lines(left, right, kept, limits.level_px, limits.level_correlation)
     return kept

@@ -13,6 +13,7 @@ from core.types import UNKNOWN_MM, Intrinsics
 
 from .match_confidence import ConfidenceLimits, accepted_matches
 from .right_rotation import RightRotation
+from .subpixel import refined
 from .textureless import SmoothLimits, mark_unmeasured
 from .zed_calibration import StereoCalibration
 
@@ -52,6 +53,9 @@ class MatchParams:
     period_px: int = number(48, 4, 256, "px", "longest period of a repetition that is looked for")
     strong_correlation: float = number(
         0.85, 0.0, 0.99, "", "the same where the texture is far above the noise; less than correlation: no difference"
+    )
+    far_correlation: float = number(
+        0.91, 0.0, 0.99, "", "the same as strong_correlation, for matches of less than 4 px of disparity"
     )
     smear_px: int = number(
         1, 0, 16, "px", "columns beside an unmeasured area that are dropped from an accepted one; 0: none"
@@ -151,6 +155,7 @@ def confidence_limits(params: MatchParams) -> ConfidenceLimits:
         window_px=params.window_px | 1,
         correlation=params.correlation,
         strong_correlation=params.strong_correlation,
+        far_correlation=params.far_correlation,
         texture=params.texture,
         period=params.period,
         period_px=params.period_px,
@@ -186,7 +191,8 @@ def matcher(params: MatchParams) -> cv2.StereoSGBM:
 
 
 def compute_disparity(sgbm: cv2.StereoSGBM, left: Gray, right: Gray, params: MatchParams) -> NDArray[np.float32]:
-    """(H, W) float32 px, negative: none. What has no counterpart in the right image, or another one, is none."""
+    """(H, W) float32 px, negative: none. What has no counterpart in the right image, or another one, is none. Fractions of a pixel of
+    far matches are those of `refined`."""
     found = np.asarray(sgbm.compute(left, right), np.float32) / np.float32(_SUBPIXEL)
     # the same search from the right: mirrored, to keep the direction of the search. The matcher leaves out as many columns as it
     # searches: they are added, or the right border would never be confirmed
@@ -198,7 +204,7 @@ def compute_disparity(sgbm: cv2.StereoSGBM, left: Gray, right: Gray, params: Mat
     inside = (found >= 0.0) & (there >= 0)
     other = np.take_along_axis(back, np.clip(there, 0, left.shape[1] - 1), axis=1)
     agreed = inside & (other >= 0.0) & (np.abs(other - found) <= params.check_px)
-    return np.where(agreed, found, np.float32(-1.0))
+    return refined(left, right, np.where(agreed, found, np.float32(-1.0)))
 
 
 def depth_mm(disparity: NDArray[np.float32], f_b_px_m: float) -> NDArray[np.uint16]:

@@ -10,8 +10,8 @@ import pytest
 
 from core.params import Params
 from core.types import UNKNOWN_MM
-from drivers.cameras.device_matches import confirmed_depth, disparity_of, needs_images
-from drivers.cameras.stereo import MatchParams, StereoMatcher
+from drivers.cameras.device_matches import confirmed_depth, device_limits, disparity_of, needs_images
+from drivers.cameras.stereo import MatchParams, StereoMatcher, confidence_limits
 
 HEIGHT, WIDTH, SHIFT = 80, 240, 12
 F_PX, BASELINE_M = 400.0, 0.075
@@ -40,6 +40,12 @@ def test_right_matches_keep_the_depth_of_the_device() -> None:
     inner = tested[8:-8, 24:-8]
     assert np.mean(inner == WALL_MM) > 0.97
     assert set(np.unique(tested)) <= {UNKNOWN_MM, WALL_MM}
+
+
+def test_the_limits_for_refined_matches_do_not_hold_for_a_device() -> None:
+    host, device = confidence_limits(MatchParams()), device_limits(MatchParams())
+    assert device.far_correlation == host.strong_correlation < host.far_correlation
+    assert device.level_correlation < host.level_correlation
 
 
 @pytest.mark.parametrize("wrong_mm", [1200, 5000, 20_000])

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from drivers.cameras.level_lines import level_lines, without_level_lines
 
-HEIGHT, WIDTH, BEHIND_PX, LENGTH_PX = 80, 240, 3, 61
+HEIGHT, WIDTH, BEHIND_PX, LENGTH_PX, LEAST = 80, 240, 3, 61, 0.8
 TOP, ROWS = 40, 3
 ROD = np.s_[TOP : TOP + ROWS, 40:-40]
 Gray = NDArray[np.uint8]
@@ -32,7 +32,7 @@ def pair(rod_grey: int | None) -> tuple[Gray, Gray]:
 def test_a_rod_is_not_measured_as_what_is_behind_it() -> None:
     left, right = pair(160)
     found = np.full(left.shape, BEHIND_PX, np.float32)  # as the window gives it
-    kept = without_level_lines(left, right, found, LENGTH_PX)
+    kept = without_level_lines(left, right, found, LENGTH_PX, LEAST)
     assert (kept[ROD] < 0.0).mean() > 0.95
     rows = (kept[:, 60:-60] < 0.0).mean(axis=1) > 0.9
     assert rows.sum() >= 5  # more than the rows of a hole that is filled
@@ -49,7 +49,7 @@ def test_an_inclined_rod_is_not_measured_as_what_is_behind_it(slope_deg: float) 
     rod = (v >= TOP + rise) & (v < TOP + rise + ROWS)
     rng = np.random.Generator(np.random.PCG64(4))
     images = [np.where(rod, 160.0 + rng.normal(0.0, 1.0, rod.shape), image).astype(np.uint8) for image in (left, right)]
-    kept = without_level_lines(images[0], images[1], np.full(left.shape, BEHIND_PX, np.float32), LENGTH_PX)
+    kept = without_level_lines(images[0], images[1], np.full(left.shape, BEHIND_PX, np.float32), LENGTH_PX, LEAST)
     inner = np.s_[:, 40:-40]
     assert (kept[inner][rod[inner]] < 0.0).mean() > 0.9
     beside = (v < TOP + rise - 8) | (v > TOP + rise + ROWS + 8)
@@ -59,7 +59,7 @@ def test_an_inclined_rod_is_not_measured_as_what_is_behind_it(slope_deg: float) 
 def test_texture_without_a_line_stays() -> None:
     left, right = pair(None)
     found = np.full(left.shape, BEHIND_PX, np.float32)
-    assert (without_level_lines(left, right, found, LENGTH_PX) >= 0.0).mean() > 0.99
+    assert (without_level_lines(left, right, found, LENGTH_PX, LEAST) >= 0.0).mean() > 0.99
 
 
 def test_a_line_with_texture_of_its_own_stays() -> None:
@@ -72,7 +72,7 @@ def test_a_line_with_texture_of_its_own_stays() -> None:
     )
     assert level_lines(left, LENGTH_PX)[TOP - 1 : TOP + ROWS + 1, 60:-60].any(axis=0).mean() > 0.9
     found = np.full(left.shape, BEHIND_PX, np.float32)
-    assert (without_level_lines(left, right, found, LENGTH_PX)[ROD] >= 0.0).mean() > 0.9
+    assert (without_level_lines(left, right, found, LENGTH_PX, LEAST)[ROD] >= 0.0).mean() > 0.9
 
 
 @pytest.mark.parametrize("nearer_px", [4, 12])
@@ -80,5 +80,5 @@ def test_a_rod_that_stands_out_stays(nearer_px: int) -> None:
     left, right = pair(160)
     found = np.full(left.shape, BEHIND_PX, np.float32)
     found[TOP : TOP + ROWS] = BEHIND_PX + nearer_px
-    kept = without_level_lines(left, right, found, LENGTH_PX)
+    kept = without_level_lines(left, right, found, LENGTH_PX, LEAST)
     assert (kept[ROD] == BEHIND_PX + nearer_px).all()

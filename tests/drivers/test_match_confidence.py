@@ -83,6 +83,24 @@ def test_texture_that_the_other_image_does_not_show_is_hardly_ever_a_depth() -> 
     assert shares[2] < 0.25 * shares[1]
 
 
+@pytest.mark.parametrize(("disparity_px", "least"), [(2, 0.91), (3, 0.91), (12, 0.85)])
+def test_a_far_match_of_strong_texture_must_agree_better(disparity_px: int, least: float) -> None:
+    """What is behind a rod agrees in a window that holds the rod, though not as well."""
+    shared, other = texture(30), texture(31)
+    mixed = shared.copy()
+    lower = np.s_[HEIGHT // 2 :]
+    mixed[lower] = 120.0 + 0.88 * (shared[lower] - 120.0) + 0.47 * (other[lower] - 120.0)
+    left, right = noisy(shared[:, :WIDTH], 0.3, 32), noisy(mixed[:, disparity_px : disparity_px + WIDTH], 0.3, 33)
+    found = np.full(left.shape, disparity_px, np.float32)
+    kept = accepted_matches(left, right, found, replace(EVERY_MATCH, correlation=0.7)) >= 0.0
+    s = match_statistics(left, right, found, EVERY_MATCH.window_px)
+    strong = (s.variance > 100.0 * s.noise_variance) & (s.matched > 0.9)
+    agrees = s.correlation >= least - 2.0 * s.noise_variance / s.variance
+    assert strong.mean() > 0.5
+    assert 0.1 < np.mean(agrees[lower]) < 0.9
+    np.testing.assert_array_equal(kept[strong], agrees[strong])
+
+
 def test_a_fence_matches_itself_at_other_disparities() -> None:
     """Bars every 9 px before a blank sky, the true disparity is 20 px."""
     u = np.arange(WIDTH + D)
