@@ -1,4 +1,4 @@
-"""One vehicle with the guard in made-up time: rendered depth, pipeline, obstacle output, guard, link, autopilot model."""
+"""One vehicle with the guard in simulated time: rendered depth, pipeline, obstacle output, guard, link, autopilot model."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""Random faults of camera, autopilot, link and computer, on the whole path from depth to OBSTACLE_DISTANCE, in made-up time."""
+"""Random faults of camera, autopilot, link and computer, on the whole path from depth to OBSTACLE_DISTANCE, in simulated time."""

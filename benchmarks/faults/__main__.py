@@ -41,8 +41,8 @@ def main() -> int:
             clear_sectors=judge.clear,
             violations=len(judge.violations),
         )
-        print(f"flight {seed} {kind}: {len(judge.faults)} faults, {judge.messages} messages, {judge.clear} clear sectors, "
-              f"{len(judge.violations)} violations", flush=True)  # fmt: skip
+        counts = f"{len(judge.faults)} faults, {judge.messages} messages, {judge.clear} clear sectors"
+        print(f"flight {seed} {kind}: {counts}, {len(judge.violations)} violations", flush=True)
         for v in judge.violations if args.verbose else judge.violations[:5]:
             print(f"  {v.t_s:.2f} s: {v.what}; faults: {', '.join(v.faults) or 'none'}", flush=True)
     print(", ".join(f"{name}: {count}" for name, count in total.items()))

@@ -1,4 +1,4 @@
-"""A flight in made-up time: the field, the vehicle, its autopilot, the line, the camera, and the service.
+"""A flight in simulated time: the field, the vehicle, its autopilot, the line, the camera, and the service.
 
 Two clocks run: the true time, by which the vehicle and its autopilot live, and CLOCK_MONOTONIC of the companion computer, which
 stands still while the computer is suspended, and is corrected by a time daemon."""
@@ -10,7 +10,7 @@ import math
 from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,8 +40,8 @@ START_NS = 1000 * NS
 RESTART_NS = NS
 """From the end of the service to its next start."""
 OBSTACLE_DISTANCE, ATTITUDE, ATTITUDE_QUATERNION, TIMESYNC = 330, 30, 31, 111
-STRANGER_AHEAD_NS = 700 * NS
-"""The second autopilot was started this long before the first one."""
+SECOND_BOOT_NS = 700 * NS
+"""The second autopilot was started this long before it appears on the line."""
 
 Sent = Callable[["FaultLoop", list[int]], None]
 
@@ -67,6 +67,15 @@ class Evidence:
     frame_ns: list[int]
     left_ns: list[int]
     attitude_ns: int = -1
+
+
+class _OnLine(NamedTuple):
+    """A message on its way from the autopilot."""
+
+    arrival_ns: int  # of the flight
+    number: int  # order of the messages
+    data: bytes
+    measured_ns: int  # of a correct attitude, ns of the flight; -1: it is none
 
 
 def cameras_of(seed: int) -> tuple[CameraInfo, ...]:
@@ -105,10 +114,8 @@ class FaultLoop:
         parameters = {"AVOID_MARGIN": 2.0, "PRX1_TYPE": 2.0} if kind == ARDUPILOT else {"CP_DIST": 3.0}
         self.autopilot = self._autopilot(1, -40 * NS)
         self.autopilot.parameters = dict(parameters)
-        self._stranger: SimulatedAutopilot | None = None
-        self._line: list[
-            tuple[int, int, bytes, int]
-        ] = []  # delivery, number, bytes, instant of a correct attitude or -1
+        self._second: SimulatedAutopilot | None = None
+        self._line: list[_OnLine] = []
         self._numbers = itertools.count()
         self._later: list[tuple[int, int, Callable[[], None]]] = []
         self._splitter, self._sent_splitter = MessageSplitter(), MessageSplitter()
@@ -239,13 +246,13 @@ class FaultLoop:
             self.autopilot.profile.hides_attitude = lambda _: s.hides_attitude
             for data in self.autopilot.due(self.flown_ns):
                 self._send(data)
-        if not s.stranger:
-            self._stranger = None
+        if not s.second_system_id:
+            self._second = None
             return
-        if self._stranger is None or self._stranger.profile.system_id != s.stranger:
-            self._stranger = self._autopilot(s.stranger, self.flown_ns - STRANGER_AHEAD_NS)
-            self._stranger.profile.motion = _elsewhere
-        for data in self._stranger.due(self.flown_ns):
+        if self._second is None or self._second.profile.system_id != s.second_system_id:
+            self._second = self._autopilot(s.second_system_id, self.flown_ns - SECOND_BOOT_NS)
+            self._second.profile.motion = _elsewhere
+        for data in self._second.due(self.flown_ns):
             self._put(data, LINE_NS, -1)
 
     def _send(self, data: bytes) -> None:
@@ -279,7 +286,7 @@ class FaultLoop:
         return bytes(message.pack(self._pack))
 
     def _put(self, data: bytes, delay_ns: int, measured_ns: int) -> None:
-        self._line.append((self.flown_ns + delay_ns, next(self._numbers), data, measured_ns))
+        self._line.append(_OnLine(self.flown_ns + delay_ns, next(self._numbers), data, measured_ns))
 
     # ---- camera --------------------------------------------------------------------------------------------------------
 
@@ -332,13 +339,13 @@ class FaultLoop:
         s, service = self.switches, self.service
         if s.stops_all:
             return
-        due = sorted(row for row in self._line if row[0] <= self.flown_ns)
-        self._line = [row for row in self._line if row[0] > self.flown_ns]
+        due = sorted(item for item in self._line if item.arrival_ns <= self.flown_ns)
+        self._line = [item for item in self._line if item.arrival_ns > self.flown_ns]
         if service is None:
             return
-        for _, _, data, measured_ns in due:
-            service.receive(data, self.mono_ns)
-            self.evidence.attitude_ns = max(self.evidence.attitude_ns, measured_ns)
+        for item in due:
+            service.receive(item.data, self.mono_ns)
+            self.evidence.attitude_ns = max(self.evidence.attitude_ns, item.measured_ns)
         out: list[bytes] = []
         while self._newest:
             out += service.frame(self._newest.pop(next(iter(self._newest))), self.mono_ns)

@@ -1,4 +1,4 @@
-"""One run of the service in made-up time: link session, queue, pipeline, and the decisions for the autopilot.
+"""One run of the service in simulated time: link session, queue, pipeline, and the decisions for the autopilot.
 
 Every part is that of the service; only threads, sockets and clocks are left out."""
 

@@ -35,7 +35,7 @@ class Switches:
         answer_delay_ns: added to the delay of answers to TIMESYNC.
         answer_shift_ns: added to the time in these answers.
         answer_scatter_ns: the same, at random in both directions.
-        stranger: system id of a second autopilot on the line; 0: none.
+        second_system_id: of a second autopilot on the line; 0: none.
         stops_pipeline, stops_sender, stops_all: threads, or the process, that do not run.
         clock_rate: by which CLOCK_MONOTONIC is corrected, seconds per second."""
 
@@ -60,7 +60,7 @@ class Switches:
     answer_delay_ns: int = 0
     answer_shift_ns: int = 0
     answer_scatter_ns: int = 0
-    stranger: int = 0
+    second_system_id: int = 0
     stops_pipeline: bool = False
     stops_sender: bool = False
     stops_all: bool = False
@@ -128,8 +128,8 @@ KINDS: dict[str, Kind] = {
     "answers late": _between("answer_delay_ns", 0.02 * NS, 0.8 * NS, 3.0),
     "answers wrong": _between("answer_shift_ns", 0.02 * NS, 5.0 * NS, 5.0, both_signs=True),
     "answers scattered": _between("answer_scatter_ns", 0.02 * NS, 2.0 * NS, 5.0),
-    "another autopilot": _switch(stranger=2),
-    "another autopilot with the same id": _switch(stranger=1, recovery_s=5.0),
+    "another autopilot": _switch(second_system_id=2),
+    "another autopilot with the same id": _switch(second_system_id=1, recovery_s=5.0),
     "nothing received": _switch(link_up=False, recovery_s=3.0),
     "nothing sent": _switch(link_down=False, recovery_s=3.0),
     "link lost": _switch(link_up=False, link_down=False, recovery_s=3.0),

@@ -95,7 +95,7 @@ def turning(case: Case, t_ns: int) -> VehicleState:
 
 
 def fly(case: Case) -> Errors:
-    """Runs a case in steps of a millisecond of made-up time."""
+    """Runs a case in steps of a millisecond of simulated time."""
     rng = np.random.Generator(np.random.PCG64(case.seed))
     drift = case.drift_ppm * 1e-6
     autopilot = SimulatedAutopilot(

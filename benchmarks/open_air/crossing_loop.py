@@ -1,4 +1,4 @@
-"""One vehicle in made-up time: rendered stereo, matching, pipeline, obstacle output and an autopilot model, and what is judged.
+"""One vehicle in simulated time: rendered stereo, matching, pipeline, obstacle output and an autopilot model, and what is judged.
 
 The vehicle leans as its acceleration demands. It gets OBSTACLE_DISTANCE as the service sends it. Its sideways way counts: PX4 guides
 it beside what is not clear (CP_GUIDE_ANG)."""

@@ -1,7 +1,8 @@
-"""Random faults on the whole path to the autopilot, in made-up time. The large runs: `python -m benchmarks.faults`."""
+"""Random faults on the whole path to the autopilot, in simulated time. The large runs: `python -m benchmarks.faults`."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
 
 import pytest
@@ -19,9 +20,11 @@ AVOID = AvoidParams(send=True, rays=2, slices=6, step_m=0.5)
 CLEAR_CM, UNKNOWN = 1201, 65535
 
 
-def flown(kind: str, faults: list[Fault], seconds: float, seed: int = 4, service: object = Service) -> Judge:
+def flown(
+    kind: str, faults: list[Fault], seconds: float, seed: int = 4, service: Callable[..., Service] = Service
+) -> Judge:
     judge = Judge(faults, kind)
-    loop = FaultLoop(random_field(seed, 20.0), kind, seed, faults, judge.sent, AVOID, service)  # type: ignore[arg-type]
+    loop = FaultLoop(random_field(seed, 20.0), kind, seed, faults, judge.sent, AVOID, service)
     loop.fly(seconds)
     judge.judge_recovery(seconds)
     return judge

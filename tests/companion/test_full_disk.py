@@ -99,7 +99,7 @@ def test_another_fault_of_the_disk_keeps_what_was_written(number: int, tmp_path:
 
 
 def test_a_file_that_is_too_large_for_its_disk_is_not_a_lack_of_space() -> None:
-    """A disk with FAT32 takes files up to 4 GB; the text told to check the free space."""
+    """FAT32 limits a file to 4 GB. The remedy was to check the free space."""
     text = error_text(OSError(errno.EFBIG, os.strerror(errno.EFBIG)), "/usb/out.mcap")
     assert text.startswith("/usb/out.mcap: File too large")
     assert "FAT32" in text

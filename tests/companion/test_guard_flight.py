@@ -1,4 +1,4 @@
-"""The guard in the closed loop with rendered depth, in made-up time. The large runs: `python -m benchmarks.autopilot.guard_missions`."""
+"""The guard in the closed loop with rendered depth, in simulated time. The large runs: `python -m benchmarks.autopilot.guard_missions`."""
 
 from __future__ import annotations
 

@@ -89,10 +89,14 @@ class Chain:
                     self.pipeline.handle(sample)
                 self.builder.samples(samples)
             if frames and self.now_ns // (10 * MS) % 10 == 0:
-                self.sequence += 1
-                for output in self.pipeline.handle(frame(self.sequence, self.now_ns, self.now_ns)):
-                    if isinstance(output, PrismsResult) and deliver:
-                        self.builder.result(output)
+                self.expose(deliver=deliver)
+
+    def expose(self, late_ns: int = 0, deliver: bool = True) -> None:
+        """A frame arrives, exposed late_ns before. deliver: its result reaches the builder."""
+        self.sequence += 1
+        for output in self.pipeline.handle(frame(self.sequence, self.now_ns - late_ns, self.now_ns)):
+            if isinstance(output, PrismsResult) and deliver:
+                self.builder.result(output)
 
     def newest(self) -> PrismsResult:
         """The newest result that has arrived."""
@@ -162,10 +166,7 @@ def test_the_time_of_the_wall_counts_from_the_exposure_and_not_from_the_arrival(
     chain.fly(0.3, frames=False)
     for _ in range(4):
         chain.fly(0.1, frames=False)
-        chain.sequence += 1
-        for output in chain.pipeline.handle(frame(chain.sequence, chain.now_ns - 200 * MS, chain.now_ns)):
-            if isinstance(output, PrismsResult):
-                chain.builder.result(output)
+        chain.expose(late_ns=200 * MS)
     px4 = replace(PX4, cp_dist_m=3.0)
     assert chain.ahead(px4) == 1201
     chain.fly(1.78, frames=False)

@@ -17,10 +17,8 @@ from companion.guard.braking import braking_of
 from companion.guard.path_sight import path_sight
 from companion.guard.velocity_hold import VelocityHold
 from companion.pipeline.pipeline import Pipeline
-from companion.pipeline.results import PrismsResult
 from core.types import AttitudeSample, PoseSample
 
-from .made_up import frame
 from .test_obstacle_sender import AVOID, CAMERA, Chain
 from .test_sectors import model, wall_at
 
@@ -106,10 +104,7 @@ def test_the_distance_flown_counts_from_the_exposure_and_not_from_the_arrival() 
     chain.fly(0.3, frames=False)
     for _ in range(4):
         chain.fly(0.1, frames=False)
-        chain.sequence += 1
-        for output in chain.pipeline.handle(frame(chain.sequence, chain.now_ns - 200 * MS, chain.now_ns)):
-            if isinstance(output, PrismsResult):
-                chain.builder.result(output)
+        chain.expose(late_ns=200 * MS)
     ahead_cm = chain.ahead()
     assert ahead_cm is not None
     assert abs(ahead_cm - 100 * (9.0 - 0.3 - 2.0)) < 10
