@@ -309,9 +309,8 @@ def _mount_cues(
     depth_mm: NDArray[np.uint16], info: CameraInfo, R_level_optical: NDArray[np.float64], ke_per_m: float
 ) -> MountCues:
     """What the frame shows of the mount."""
-    from core.self_check.surfaces import (
-        find_surfaces,
-    )  # late: compiled code, which commands that only read results do not need
+    # late: compiled code, which commands that only read results do not need
+    from core.self_check.surfaces import find_surfaces
 
     return cues_of(find_surfaces(depth_mm, info, R_level_optical, ke_per_m))
 
