@@ -31,16 +31,16 @@ TABLES: Final[dict[str, tuple[ColumnType, ...]]] = {
         camera string name of the camera
         sequence int64 number of the frame
         t_exposure_ns int64 middle of the exposure, monotonic clock of the vehicle
-        valid bool whether the frame holds information
+        valid bool false: no information
         cause string why not (code), empty where valid
-        armed bool state of the vehicle in the newest health report; null before the first
+        armed bool by the newest health report; null before the first
         frame string frame of the coordinates: ned or level
         planes int32 number of planes
         prisms int32 number of prisms
-        nearest_m float distance from the camera to the nearest plane, without its margin; null: no plane
-        free_share float share of the directions that are free for a metre at the camera's height
+        nearest_m float distance in space from the camera to the nearest plane, without its margin; null: no plane
+        free_share float share of the directions that are free for 1 m at the camera's height
         measured_share float share of measured pixels
-        noise_per_m float depth noise coefficient (`ke_per_m` of the messages): the standard deviation of a depth Z is noise_per_m * Z^2
+        noise_per_m float `ke_per_m` of the message: the standard deviation of a depth Z is noise_per_m * Z^2
         ground_seen bool whether ground was found
         ground_height_m float height of the camera above it; null: not found
         attitude string source of the attitude: none, exact, interpolated, extrapolated
@@ -50,7 +50,7 @@ TABLES: Final[dict[str, tuple[ColumnType, ...]]] = {
         down_m double position
         camera_latency_ms float exposure to arrival on board
         publish_latency_ms float exposure to publication, 95th percentile in the newest health report; null before the first
-        digest string first 16 hexadecimal digits of the SHA-256 of the encoded result
+        digest string begin of the SHA-256 of the encoded result, 16 hexadecimal digits
         onboard_digest string the same of the result in the log; null: not in the log
         equals_onboard bool whether both are equal, bit for bit; null: not in the log
         """),
@@ -59,7 +59,7 @@ TABLES: Final[dict[str, tuple[ColumnType, ...]]] = {
         files strings its log files in order
         bytes int64 size of the log files
         software string version that computed these results
-        config_hash string first 16 hexadecimal digits of the SHA-256 of the configuration in use
+        config_hash string begin of the SHA-256 of the configuration in use
         onboard_software string version in the log; null: not in the log
         onboard_config_hash string configuration in the log; null: not in the log
         cameras strings names of the cameras
@@ -90,7 +90,7 @@ TABLES: Final[dict[str, tuple[ColumnType, ...]]] = {
         t_ns int64 begin, monotonic clock of the vehicle
         end_ns int64 end; null: it lasts to the end of the log
         duration_s double end minus begin, or to the last frame of the camera
-        armed bool state of the vehicle at the begin; null: not known
+        armed bool at the begin; null: not known
         cause string blind: code of the first invalid frame; otherwise empty
         distance_m float near_pass: smallest distance; obstacle_report: nearest distance sent, null: none
         frames int64 number of frames in it
