@@ -36,18 +36,17 @@ class AvoidParams:
         "greatest distance of an obstacle that is sent; a clear sector must have been seen free up to it",
     )
     near_m: float = critical(
-        2.5, 0.5, 10.0, "m", "a sector must have been seen free from this distance on; nearer obstacles are always sent"
+        2.5, 0.5, 10.0, "m", "a clear sector must have been seen free from here on; nearer obstacles are always sent"
     )
     clear_share: float = critical(
         0.8,
         0.5,
         1.0,
         "",
-        "least share of a sector's rays and heights that were seen free for it to be clear; larger: fewer "
-        "clear sectors",
+        "least share of a clear sector's rays and heights that were seen free; larger: fewer clear sectors",
     )
     remember_free_s: float = critical(
-        3.0, 0.0, 10.0, "s", "free space that left the view, for example by leaning, is used for this time; 0: never"
+        3.0, 0.0, 10.0, "s", "free space that left the view, as by leaning, is used for this time; 0: never"
     )
     rays: int = critical(3, 2, 15, "", "number of rays that are checked in each sector")
     slices: int = critical(10, 1, 20, "", "number of heights that are checked in the height band")
@@ -59,19 +58,19 @@ class AvoidParams:
         0,
         1000,
         "px",
-        "an obstacle nearer than remember_m with at most this many pixels (in an image of 320x240, more in a larger one), or "
-        "of less than 10 cm2, is sent when a second frame shows it; 0: at once",
+        "an obstacle nearer than remember_m with at most this many pixels (at 320x240; more in larger images), or of "
+        "less than 10 cm2, is sent when a second frame shows it; 0: at once",
     )
     blind: str = choice(
         "auto",
         ("auto", "unknown", "stop"),
-        "what is sent when blind; auto: a wall for PX4 (unknown while CP_DIST is not known), stop for all others",
+        "what is sent when blind; auto: a wall for PX4 (unknown while CP_DIST is not known), stop for others",
         safety=True,
     )
     unseen: str = choice(
         "stop",
         ("stop", "unknown"),
-        "what is sent for sectors in view that were not seen clear, to an autopilot that treats unknown as clear",
+        "what is sent for unseen sectors in view to an autopilot that treats unknown as clear",
         safety=True,
     )
     silence_s: float = critical(
@@ -79,39 +78,34 @@ class AvoidParams:
         0.5,
         10.0,
         "s",
-        "PX4: time of blindness after which nothing more is sent and PX4 changes to Hold; also the duration "
-        "of its wall",
+        "PX4: time of blindness after which nothing more is sent and PX4 changes to Hold; duration of its wall",
     )
     stop_hold_s: float = critical(
         3.0,
         0.0,
         8.0,
         "s",
-        "policy stop: when stopped while armed, the service sends the wall for this time before it ends",
+        "policy stop: stopped while armed, the service sends the wall for this time before it ends",
     )
-    avoid_margin_m: float = critical(
-        2.0, 0.5, 20.0, "m", "value of AVOID_MARGIN that is used until the parameter has been read from the autopilot"
-    )
+    avoid_margin_m: float = critical(2.0, 0.5, 20.0, "m", "AVOID_MARGIN that is used until the parameter has been read")
     cp_dist_m: float = critical(
         3.0,
         0.1,
         20.0,
         "m",
-        "CP_DIST that is assumed for the wall while heartbeats of PX4 and of another autopilot contradict each other",
+        "CP_DIST of the wall while heartbeats of PX4 and of another autopilot contradict each other",
     )
     points: bool = switch(
-        False, "ArduPilot: send OBSTACLE_DISTANCE_3D instead, with layers above and below; work in progress in MAVLink"
+        False, "ArduPilot: send OBSTACLE_DISTANCE_3D instead, with layers above and below (work in progress in MAVLink)"
     )
     upward: bool = switch(False, "send DISTANCE_SENSOR upward where an obstacle above the vehicle was seen")
     downward: bool = switch(
         False, "send DISTANCE_SENSOR downward to the ground; the autopilot may use it for its height"
     )
     remember_up_s: float = critical(
-        20.0, 0.0, 120.0, "s", "an obstacle above the vehicle that left the view is remembered for this time"
+        20.0, 0.0, 120.0, "s", "an obstacle above that left the view is remembered for this time"
     )
-    recover_frames: int = critical(
-        3, 1, 50, "", "number of valid frames in a row after which a blind camera is used again"
-    )
+    recover_frames: int = critical(3, 1, 50, "", "valid frames in a row after which a blind camera is used again")
 
     def __post_init__(self) -> None:
         check("avoid", self)

@@ -45,22 +45,22 @@ class CameraConfig:
         0.5,
         65.0,
         "m",
-        "greatest depth that is trusted; pixels beyond it count as free up to it. Larger: more range, more noise",
+        "greatest depth that is trusted; pixels beyond count as free up to it. Larger: more noise",
     )
     ke_per_m: float | None = critical(
         None,
         1e-5,
         0.05,
         "1/m",
-        "depth noise: standard deviation = ke_per_m * depth^2; the start value where the noise is measured",
+        "depth noise: standard deviation = ke_per_m * depth^2; where the noise is measured, its start value",
     )
     bias_per_m: float | None = critical(
         None,
         0.0,
         MOST_BIAS_PER_M,
         "1/m",
-        "error of the calibration that is assumed for all depths: bias_per_m * depth^2; it is part of every margin and "
-        "ends free space earlier (docs/how-to/connect-a-camera.md)",
+        "error of the calibration that is assumed: bias_per_m * depth^2, part of every margin; free space ends earlier "
+        "(docs/how-to/connect-a-camera.md)",
     )
     masks: str = field(
         default="",
@@ -68,9 +68,8 @@ class CameraConfig:
             "safety": True,
             "pattern": rf"^(?:{_POLYGON}(?: *; *{_POLYGON})*)?$",
             "unit": "",
-            "doc": "parts of the vehicle in the depth image, which are unknown: polygons of corners u,v in px separated "
-            'by spaces, two corners are a rectangle, polygons separated by ";", such as "0,0 80,60; 600,0 639,0 '
-            '639,50"',
+            "doc": 'parts of the vehicle in the image, which are unknown: polygons of corners u,v in px, separated by ";"; '
+            'two corners are a rectangle: "0,0 80,60; 600,0 639,0 639,50"',
         },
     )
     unmatched_left_px: int | None = critical(
@@ -78,8 +77,8 @@ class CameraConfig:
         0,
         1024,
         "px",
-        'columns at the left without stereo matches (default: disparities for a zed, for an oak with match_on = "host" '
-        "and for rendered stereo, otherwise 0)",
+        'columns at the left without stereo matches (default: disparities for a zed, for match_on = "host" and '
+        "rendered stereo, else 0)",
     )
     flight: str = choice(
         "demo",
@@ -88,13 +87,13 @@ class CameraConfig:
     )
     follow: str = text(
         "",
-        "simulated only: a second link to an autopilot, such as udpin:127.0.0.1:14551; the scene of `flight` is then "
-        "rendered at the attitude and position that the autopilot reports (docs/how-to/fly-in-simulation.md)",
+        "simulated only: a second link to an autopilot, such as udpin:127.0.0.1:14551, at whose attitude and position "
+        "the scene is rendered (docs/how-to/fly-in-simulation.md)",
     )
     device: str = text(
         "",
-        "oak: its id (empty: the only one that is connected); zed, v4l2: a path, best in /dev/v4l/by-id or by-path; "
-        "simulated: a file that stands for its cable, unplugged while the file is missing (empty: plugged in)",
+        "oak: its id (empty: the only one); zed, v4l2: a path, best in /dev/v4l/by-id or by-path; simulated: a file "
+        "that stands for its cable, unplugged while it is missing (empty: plugged in)",
     )
     width_px: int = number(640, 16, 4096, "px", "width of the depth image; of a zed, of one eye")
     height_px: int = number(
@@ -106,59 +105,58 @@ class CameraConfig:
         0.0,
         0.2,
         "s",
-        "time from the middle of the exposure to the kernel's timestamp (zed, v4l2) or to the arrival (simulated)",
+        "middle of the exposure to the kernel's timestamp (zed, v4l2) or to the arrival (simulated)",
     )
     exposure_offset_ms: float = number(
         0.0,
         -100.0,
         200.0,
         "ms",
-        "subtracted from each exposure timestamp of a live camera; positive if its timestamps are late. The "
-        "service measures it while the vehicle turns (docs/how-to/measure-exposure-offset.md)",
+        "subtracted from each exposure timestamp of a live camera; positive: they are late "
+        "(docs/how-to/measure-exposure-offset.md)",
     )
     calibration: str = text("", "zed only: path of its calibration file SN<serial>.conf")
     match_on: str = choice(
         "device",
         ("device", "host"),
-        "oak only: where its images are matched. host: as those of a zed, which measures more edges and far ground and "
-        "permits mark_smooth, but takes five times the processor time",
+        "oak only: where images are matched. host: as a zed's; more edges and far ground, permits mark_smooth, five "
+        "times the processor time",
     )
     disparities: int = number(
         96,
         16,
         512,
         "px",
-        'zed, oak with match_on = "host" and rendered stereo: number of disparities that are searched; larger: nearer '
-        "objects are measured, more time per frame",
+        'zed, match_on = "host" and rendered stereo: number of disparities that are searched; larger: nearer objects, '
+        "more time",
     )
     match_correlation: float = critical(
         0.7,
         0.0,
         0.99,
         "",
-        "zed and oak: least correlation of both images around a match; lower: more depth and more false "
-        "obstacles; 0 accepts every match",
+        "zed and oak: least correlation of both images around a match; lower: more depth, more false obstacles; 0 "
+        "accepts every match",
     )
     match_texture: float = critical(
         3.0,
         0.0,
         100.0,
         "",
-        "zed and oak: least variance of the texture, relative to the sensor noise; lower: more depth and more "
-        "false obstacles; 0: off",
+        "zed and oak: least variance of the texture, relative to the sensor noise; lower: more depth, more false "
+        "obstacles; 0: off",
     )
     match_period: float = critical(
         0.9,
         0.3,
         1.0,
         "",
-        "zed and oak: correlation of the image with itself above which it counts as repetitive and is not "
-        "measured; 1: off",
+        "zed and oak: correlation of the image with itself above which it is repetitive and not measured; 1: off",
     )
     mark_smooth: bool = switch(
         False,
-        'zed, oak with match_on = "host" and rendered stereo: mark unmeasured pixels whose image is smooth, which '
-        "`[open_sky]` needs; 16 ms a frame",
+        'zed, match_on = "host" and rendered stereo: mark unmeasured pixels whose image is smooth, which `[open_sky]` '
+        "needs; 16 ms a frame",
         safety=True,
     )
     confidence: int = critical(
@@ -166,11 +164,11 @@ class CameraConfig:
         0,
         255,
         "",
-        "oak only: least confidence of a pixel, as the device reports it; higher: fewer, more reliable pixels",
+        "oak only: least confidence of a pixel; higher: fewer, more reliable pixels",
     )
     emitter: float = number(0.0, 0.0, 1.0, "", "oak only: brightness of the dot projector, where there is one; 0: off")
     depth_unit_mm: float = number(
-        1.0, 0.001, 10.0, "mm", "v4l2 only: one unit of the depth image, 1.0 for a RealSense D400, 0.1 for a D405"
+        1.0, 0.001, 10.0, "mm", "v4l2 only: one unit of the depth image: 1.0 for a RealSense D400, 0.1 for a D405"
     )
     fx_px: float | None = number(None, 10.0, 20_000.0, "px", "v4l2 only: focal length; the device does not report it")
     fy_px: float | None = number(None, 10.0, 20_000.0, "px", "v4l2 only: vertical focal length")
@@ -180,12 +178,11 @@ class CameraConfig:
     render: str = choice(
         "depth",
         ("depth", "stereo"),
-        "simulated only: exact depth with a noise model, or stereo matching of rendered image pairs (0.8 s a frame at 640 px)",
+        "simulated only: exact depth with a noise model, or stereo matching of rendered images (0.8 s a frame at 640 px)",
     )
     sky_is_far: bool = switch(
         False,
-        'simulated with render = "depth" only: the sky is measured as farther than the range, which makes it free, '
-        "instead of unmeasured",
+        'simulated with render = "depth" only: the sky is measured as far, which makes it free, instead of unmeasured',
     )
 
     def __post_init__(self) -> None:

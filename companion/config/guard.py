@@ -24,14 +24,14 @@ class GuardParams:
         0.3,
         10.0,
         "m/s2",
-        "measured deceleration of the vehicle when the autopilot is asked to stop; larger: later stops",
+        "measured deceleration when the autopilot is asked to stop; larger: later stops",
     )
     reaction_s: float = critical(
         0.8,
         0.2,
         3.0,
         "s",
-        "measured time from the decision to stop until the deceleration is reached; larger: earlier stops",
+        "measured time from the decision to the deceleration; larger: earlier stops",
     )
     margin_m: float = critical(
         1.5, 0.2, 10.0, "m", "distance between hull and obstacle that is kept; larger: earlier stops"
@@ -45,8 +45,7 @@ class GuardParams:
         0.0,
         30.0,
         "m/s",
-        "greatest speed that the guard commands, also at the end of a limit; 0: bounded only by the speed "
-        "just before the limit",
+        "greatest speed that the guard commands, also at the end of a limit; 0: the speed just before the limit",
     )
 
     def __post_init__(self) -> None:

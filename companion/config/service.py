@@ -34,7 +34,8 @@ class AutopilotConfig:
 
     address: str = text(
         "",
-        "serial:/dev/serial/by-id/NAME:BAUD (without BAUD: 921600), udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT (IPv6 in brackets); empty: none",
+        "serial:/dev/serial/by-id/NAME:BAUD (without BAUD: 921600), udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT "
+        "(IPv6 in brackets); empty: none",
     )
     system_id: int = number(0, 0, 255, "", "system id of the vehicle; 0: taken from its heartbeat")
     component_id: int = number(196, 1, 255, "", "component id of the service; 196 is obstacle avoidance")
@@ -43,12 +44,10 @@ class AutopilotConfig:
         5.0,
         400.0,
         "Hz",
-        "rate of the attitude that is requested; larger: smaller errors in turns, more load on the line",
+        "requested rate of the attitude; larger: smaller errors in turns, more load on the line",
     )
     position_hz: float = number(30.0, 1.0, 200.0, "Hz", "rate of the position that is requested")
-    signing_key: str = text(
-        "", "file with the key for MAVLink 2 signing (`companion keys --signing FILE`); empty: no signing"
-    )
+    signing_key: str = text("", "key file of MAVLink 2 signing (`companion keys --signing FILE`); empty: no signing")
 
     computer_status: bool = switch(False, "send ONBOARD_COMPUTER_STATUS (load, temperature, memory) once per second")
 
@@ -76,7 +75,7 @@ class PublishConfig:
     )
     tracks: str = text("ipc://{run}/tracks", "address of the tracked obstacles, where [tracking] is enabled")
     world: str = text(
-        "", "address of the changes of the merged world, such as ipc://{run}/world; empty: nothing is merged"
+        "", "address of the changes of the merged world, such as ipc://{run}/world; empty: no merged world"
     )
     world_requests: str = text(
         "", "address at which snapshots of the merged world are requested, such as ipc://{run}/world-snapshot"
@@ -131,14 +130,14 @@ class RecordParams:
         10.0,
         1e6,
         "MB",
-        "greatest total size of all logs; files from before arming, then the oldest flights, are deleted",
+        "greatest size of all logs; files from before arming, then the oldest flights, are deleted",
     )
     least_free_mb: float = number(
         256.0,
         1.0,
         1e5,
         "MB",
-        "kept free on the disk: recording stops before less is left, and begins where queue_mb and 9 MB more are free",
+        "kept free: recording stops before less is left, and begins where queue_mb and 9 MB more are free",
     )
     queue_mb: float = number(64.0, 4.0, 1024.0, "MB", "greatest amount of data waiting for the disk")
     queue_items: int = number(5000, 100, 100_000, "", "greatest number of items waiting for the disk")
@@ -149,8 +148,7 @@ class RecordParams:
         0.0,
         60.0,
         "Hz",
-        "greatest rate of the recorded depth images of each camera; 0: every image. `companion replay` cannot "
-        "compute the images between again",
+        "greatest rate of the recorded depth images of each camera; 0: every image. Images between cannot be replayed",
     )
     mavlink: bool = switch(True, "record the MAVLink messages of the autopilot")
 
@@ -170,13 +168,13 @@ class SupervisorParams:
 
     silent_s: float = critical(0.5, 0.05, 10.0, "s", "a camera without a frame for this time counts as silent")
     restart_s: float = critical(
-        3.0, 0.5, 60.0, "s", "the process of a camera that is silent or frozen for this time is started again"
+        3.0, 0.5, 60.0, "s", "the process of a camera silent or frozen for this time is started again"
     )
     open_s: float = number(
         30.0, 1.0, 300.0, "s", "the process of a camera without a first frame after this time is started again"
     )
     frozen_frames: int = critical(
-        4, 2, 1000, "", "number of repetitions of one image after which a camera counts as frozen; below 14 Hz fewer"
+        4, 2, 1000, "", "repetitions of one image after which a camera counts as frozen; below 14 Hz fewer"
     )
     first_backoff_s: float = number(
         0.5, 0.0, 60.0, "s", "wait before a restart; doubled while the camera gives no frames"
@@ -196,14 +194,14 @@ class ServiceParams:
         0.05,
         2.0,
         "s",
-        "a camera is blind when its newest valid exposure is older than this; larger: blindness is reported later",
+        "a camera is blind when its newest valid exposure is older; larger: blindness is reported later",
     )
     hang_s: float = critical(
         2.0,
         0.5,
         30.0,
         "s",
-        "a loop that has not completed a cycle for this time counts as stalled, and the watchdog ends the service",
+        "a loop without a cycle for this time counts as stalled, and the watchdog ends the service",
     )
     metrics_port: int = number(0, 0, 65535, "", "port of the Prometheus metrics on 127.0.0.1; 0: none")
 

@@ -16,7 +16,7 @@ class SyncParams:
         0.005,
         1.0,
         "s",
-        "greatest gap between two attitudes that is interpolated; frames in wider gaps are dropped",
+        "greatest gap between two attitudes that is interpolated; else the frame is dropped",
     )
     max_extrapolation_s: float = critical(
         0.05, 0.0, 0.5, "s", "greatest time over which the newest attitude is extrapolated by its body rates"
@@ -26,14 +26,14 @@ class SyncParams:
         0.5,
         30.0,
         "deg",
-        "greatest turn of the vehicle within the error of the autopilot's timestamps; frames in faster turns are dropped",
+        "greatest turn within the error of the autopilot's timestamps; frames in faster turns are dropped",
     )
     max_clock_error_m: float = critical(
         0.25,
         0.02,
         5.0,
         "m",
-        "greatest distance that the vehicle flies within the error of the autopilot's timestamps; beyond it frames have no position",
+        "greatest distance flown within the error of the autopilot's timestamps; beyond it frames have no position",
     )
     pose_max_gap_s: float = critical(0.5, 0.01, 5.0, "s", "greatest gap between two positions that is interpolated")
     pose_max_extrapolation_s: float = critical(
@@ -44,7 +44,8 @@ class SyncParams:
         0.1,
         60.0,
         "s",
-        "timestamps that step back by more than this mean a restart of the autopilot; those of a camera, when its frames have done so for this time",
+        "timestamps that step back by more are a restart of the autopilot; those of a camera, when its frames have "
+        "done so for this time",
     )
     held_samples: int = number(256, 8, 4096, "", "number of attitudes, and of positions, that are kept for late frames")
     use_pose: bool = switch(True, "publish in ned where the position is known, otherwise always in level")
