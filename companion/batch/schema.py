@@ -27,7 +27,7 @@ def _columns(text: str) -> tuple[ColumnType, ...]:
 TABLES: Final[dict[str, tuple[ColumnType, ...]]] = {
     "frames": _columns("""
         flight string name of the flight
-        file int32 number of the file in `flights.files`, from 0
+        file int32 its number in `flights.files`, from 0
         camera string name of the camera
         sequence int64 number of the frame
         t_exposure_ns int64 middle of the exposure, monotonic clock of the vehicle
@@ -44,12 +44,12 @@ TABLES: Final[dict[str, tuple[ColumnType, ...]]] = {
         ground_seen bool whether ground was found
         ground_height_m float height of the camera above it; null: not found
         attitude string source of the attitude: none, exact, interpolated, extrapolated
-        attitude_distance_ms float distance in time to the nearest attitude sample; null: no attitude
+        attitude_distance_ms float to the nearest attitude sample; null: no attitude
         north_m double position; null: no position
         east_m double position
         down_m double position
         camera_latency_ms float exposure to arrival on board
-        publish_latency_ms float exposure to publication, 95th percentile in the newest health report; null before the first
+        publish_latency_ms float exposure to publication, 95th percentile by the newest health report; null before the first
         digest string begin of the SHA-256 of the encoded result, 16 hexadecimal digits
         onboard_digest string the same of the result in the log; null: not in the log
         equals_onboard bool whether both are equal, bit for bit; null: not in the log
@@ -65,10 +65,10 @@ TABLES: Final[dict[str, tuple[ColumnType, ...]]] = {
         cameras strings names of the cameras
         begin_ns int64 first exposure; null: no frame
         duration_s double first to last exposure
-        armed_s double time in which the vehicle was armed, by its health reports
+        armed_s double armed time, by its health reports
         frames int64 frames with a result
         valid int64 valid frames among them
-        blind_s double sum over the cameras of the time from an invalid frame to the next valid one
+        blind_s double from an invalid frame to the next valid one, summed over the cameras
         planes int64 number of planes in all frames
         nearest_m float smallest nearest_m; null: no plane
         compared int64 frames with a result in the log
