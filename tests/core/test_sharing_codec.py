@@ -209,7 +209,7 @@ def test_a_state_survives() -> None:
     sent = VehicleState(frame=frame, position_m=(1234.56, -77.0, -20.5), velocity_m_s=(3.0, -1.0, 0.5), radius_m=0.35)
     data = state_packet(HEADER, sent)
     got = decoded(data).content
-    assert len(data) <= 52
+    assert len(data) == 48
     assert isinstance(got, VehicleState)
     assert got.frame.latitude_deg == pytest.approx(frame.latitude_deg, abs=6e-8)
     assert got.frame.yaw_rad == pytest.approx(frame.yaw_rad, abs=1e-4)
