@@ -90,9 +90,7 @@ class FreeMemory:
         """Records the cells that a view shows free. number: of its camera."""
         assert here.position_ned_m is not None
         # middles of the cells in ned
-        z_n, x_n, y_n = (
-            (self._low[k] + np.arange(self._seen_s.shape[k]) + 0.5) * self._cell_m[k] for k in range(3)
-        )
+        z_n, x_n, y_n = ((self._low[k] + np.arange(self._seen_s.shape[k]) + 0.5) * self._cell_m[k] for k in range(3))
         east, north = np.meshgrid(y_n, x_n)
         x, y = here.from_world().places(north, east)
         free = points_free(view, x, y, z_n - here.position_ned_m[2], along_rays=True, measured=True)
