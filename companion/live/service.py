@@ -1,6 +1,6 @@
 """The live service: makes, starts and stops all parts, and passes data from one to the others.
 
-The main thread calls `tick`: blind cameras, health report and watchdog. docs/explanation/architecture.md lists the other
+The main thread calls `tick`: blind cameras, health report and watchdog. docs/research/structure.md lists the other
 threads, their locks and queues."""
 
 from __future__ import annotations
