@@ -178,7 +178,7 @@ def print_findings(findings: Iterable[Finding]) -> bool:
     """Prints each finding as it is made; returns whether there is no fault."""
     ok = True
     for finding in findings:
-        print_line(f"{'ok ' if finding.ok else ' ! '} {finding.part}: {finding.text}")
+        print_line(finding.line())
         ok &= finding.ok
     if ok:
         print_line("no fault found")

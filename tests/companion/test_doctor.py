@@ -15,6 +15,8 @@ import zmq
 
 from companion.cli import main
 from companion.doctor import computer_check, service_check
+from companion.doctor.doctor import print_findings
+from companion.doctor.finding import Finding
 from companion.live.health_stream import address_in_use
 from companion.streams.publisher import Publisher, Stream
 from drivers.simulation.autopilot import ARDUPILOT, PX4, SimulatedAutopilot
@@ -241,8 +243,26 @@ def test_findings_as_text(live: Live, capsys: pytest.CaptureFixture[str]) -> Non
     assert main(["doctor", "-c", str(live.config), "--patience", "1"]) == 1
     findings = capsys.readouterr().out
     assert "ok  service: not running; its parts are checked by this command" in findings
-    assert " !  cameras: none is configured" in findings
+    (cameras,) = [line for line in findings.splitlines() if line.startswith(" !  cameras: none is configured")]
+    assert cameras.endswith(" [no_camera_configured]")
     assert "no fault found" not in findings
+
+
+def test_a_finding_shows_its_code_once(capsys: pytest.CaptureFixture[str]) -> None:
+    """The code leads to the table of remedies; a finding of the service begins with it."""
+    findings = [
+        Finding("service", False, "link_slow: the link is too slow", "link_slow"),
+        Finding("link", False, "the link is not open", "link_closed"),
+        Finding("computer", False, "this computer is busy"),
+        Finding("kernels", True, "compiled"),
+    ]
+    assert not print_findings(findings)
+    assert capsys.readouterr().out.splitlines() == [
+        " !  service: link_slow: the link is too slow",
+        " !  link: the link is not open [link_closed]",
+        " !  computer: this computer is busy",
+        "ok  kernels: compiled",
+    ]
 
 
 def test_wrong_use(capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
