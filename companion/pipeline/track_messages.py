@@ -82,6 +82,8 @@ def tracker_messages(states: NamedStates) -> list[pb.TrackerState]:
             views=s.views,
             position_jump_ns=s.position_jump_ns,
             heading_jump_ns=s.heading_jump_ns,
+            lost_from_ns=s.lost_from_ns,
+            lost_to_ns=s.lost_to_ns,
         )
         for camera, s in states
     ]
@@ -102,6 +104,8 @@ def trackers_from_message(message: pb.StateSnapshot) -> NamedStates:
             reset_counter=m.reset_counter,
             position_jump_ns=m.position_jump_ns,
             heading_jump_ns=m.heading_jump_ns,
+            lost_from_ns=m.lost_from_ns,
+            lost_to_ns=m.lost_to_ns,
             origin_m=(m.origin_m.x, m.origin_m.y, m.origin_m.z),
             velocity_m_s=(m.velocity_x_m_s, m.velocity_y_m_s),
             slots=m.slots,

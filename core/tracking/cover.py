@@ -248,7 +248,7 @@ def observe_part(table, j, d, piece, exposure):
     near = max(offset(t, ax, ay), offset(t, bx, by))
     t.excess_m = max(t.excess_m, near) if t.seen_ns == t_ns else near
     t.margin_m = max(t.margin_m, d.margin_m + min(0.0, near))
-    observe_cells(table, j, low, high, bottom - top, t_ns)
+    observe_cells(table, j, low, high, d, bottom - top, t_ns)
     count_observation(t, t_ns)
 
 

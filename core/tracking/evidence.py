@@ -18,14 +18,13 @@ from .observed import (
     by_direction,
     classify,
     is_beside,
-    is_gap,
     is_seen_through,
     measured_limits,
     seen_from,
 )
 from .shrinking import shrink
 from .snapshot import S_DETECTED, S_HIDDEN, S_MISSED, S_NEW, S_OUT_OF_VIEW
-from .tables import MEMORY_HITS, RATE_STEP
+from .tables import MEMORY_HITS, RATE_STEP, lost_ns
 from .vertical_limits import share_in_view, vertical_limits
 
 NEW_HITS = 3
@@ -51,13 +50,22 @@ class Observed(NamedTuple):
     eye_z: Any
 
 
+class Memory(NamedTuple):
+    """How long a cell is kept without an observation. most_ns: `memory_s` of the parameters; most_lost_ns: that without a
+    position, of the time in lost, a LostPosition."""
+
+    most_ns: Any
+    most_lost_ns: Any
+    lost: Any
+
+
 @kernel
-def collect_evidence(table, detections, view, eye_z, t_ns, memory_ns):
+def collect_evidence(table, detections, view, eye_z, t_ns, memory):
     """Evidence of one frame on all cells that it did not observe; removes cells that are clear, or older than the memory.
     Sets the state of each track. Returns the number of cells removed.
 
     table: TrackTable; detections: (N,) DETECTION and view: FreeView of the frame; eye_z: height of the camera, m; t_ns:
-    exposure; memory_ns: `memory_s` of the parameters, or that without a position."""
+    exposure; memory: Memory."""
     limits = measured_limits(view)
     frame = Observed(view, by_direction(detections, view), limits, vertical_limits(view, eye_z), eye_z)
     removed = 0
@@ -67,7 +75,7 @@ def collect_evidence(table, detections, view, eye_z, t_ns, memory_ns):
             continue
         if t.seen_ns == t_ns:
             shrink(table, j, detections, view, limits)
-        best, gap = OUT_OF_VIEW, is_gap(t)
+        best = OUT_OF_VIEW
         for k in range(t.cells):
             c = table.cells[j, k]
             if c.hits == 0 or c.seen_ns == t_ns:
@@ -77,16 +85,16 @@ def collect_evidence(table, detections, view, eye_z, t_ns, memory_ns):
             seen = observed_as(t, place, frame)
             best = max(best, seen)
             if seen >= EXPLAINED:
-                c.against += 4 if gap else 2
-            memory = memory_share(t, c.hits, place, seen, frame) * memory_ns
+                c.against += 2 if c.measured else 4
+            share = memory_share(t, c, place, seen, frame)
             needed = max(_LEAST_FREE_FRAMES, min(_MOST_FREE_FRAMES, c.hits))
-            if c.against >= 2 * needed or t_ns - c.seen_ns > max(_LEAST_MEMORY_NS, memory):
+            if c.against >= 2 * needed or is_too_old(c, share, t_ns, memory):
                 c.hits = 0
                 removed += 1
         if t.seen_ns != t_ns and best >= EXPLAINED:
             t.hit_rate -= RATE_STEP * t.hit_rate
-            if gap and t.hits == 1:
-                removed += remove_cells(table, j)
+            if t.hits == 1:
+                removed += remove_gap(table, j)
         t.state = state_of(t, best, t_ns)
     return removed
 
@@ -110,28 +118,36 @@ def height_in_view(t, place, frame):
 
 
 @inner
-def memory_share(t, hits, place, seen, frame):
-    """Share of the memory that a cell of a track with so many observations has at a place that a frame observed as `seen`.
+def memory_share(t, c, place, seen, frame):
+    """Share of the memory that a cell of a track has at a place that a frame observed as `seen`.
 
     With fewer than MEMORY_HITS observations it grows with their square: what flickers does not accumulate where it is
     hidden. Beside the measured directions, and above or below what was measured in them, a cell has the whole memory, unless
     one frame alone has observed it: it may have left the view as soon as it was in it."""
-    if is_gap(t):
+    if not c.measured:
         return 0.0
-    share = min(1.0, (hits / MEMORY_HITS) ** 2)
-    if share == 1.0 or hits == 1 or seen > HIDDEN:
+    share = min(1.0, (c.hits / MEMORY_HITS) ** 2)
+    if share == 1.0 or c.hits == 1 or seen > HIDDEN:
         return share
     beside = seen == OUT_OF_VIEW and is_beside(place, frame.limits)
     return 1.0 if beside or height_in_view(t, place, frame) < _IN_VIEW_SHARE else share
 
 
 @inner
-def remove_cells(table, j):
+def is_too_old(c, share, t_ns, memory):
+    """Whether a cell that has this share of the memory, a Memory, is forgotten."""
+    if t_ns - c.seen_ns > max(_LEAST_MEMORY_NS, share * memory.most_ns):
+        return True
+    return lost_ns(memory.lost, c.seen_ns) > max(_LEAST_MEMORY_NS, share * memory.most_lost_ns)
+
+
+@inner
+def remove_gap(table, j):
     """Removes all cells of a gap that one frame alone filled: free space through a part of it shows that it is none of this
     frame. Returns how many."""
     removed = 0
     for k in range(table.tracks[j].cells):
-        if table.cells[j, k].hits > 0:
+        if table.cells[j, k].hits > 0 and not table.cells[j, k].measured:
             table.cells[j, k].hits = 0
             removed += 1
     return removed

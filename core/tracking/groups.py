@@ -8,8 +8,8 @@ import numpy as np
 
 from ..jit import inner, kernel, of_type, record
 from ..union_find import root_of
-from .observed import is_gap, measured_limits, turn_between
-from .tables import CUT_LEFT, CUT_RIGHT, NONE, POSE_SIGMA_M
+from .observed import measured_limits, turn_between
+from .tables import CUT_LEFT, CUT_RIGHT, NONE, POSE_SIGMA_M, is_gap
 
 GAP_M = 0.4
 """Detections closer together belong to one group."""

@@ -93,8 +93,9 @@ def absorb(table, detections, j, other, eye):
         for m in range(max(0, first), min(t.cells - 1, last) + 1):
             own = table.cells[j, m]
             if own.hits == 0:
-                own.seen_ns, own.against, own.hits = c.seen_ns, c.against, c.hits
+                own.seen_ns, own.against, own.hits, own.measured = c.seen_ns, c.against, c.hits, c.measured
             else:
+                own.measured = max(own.measured, c.measured)
                 own.against = min(own.against, c.against)
                 own.hits = max(own.hits, c.hits)
                 own.seen_ns = max(own.seen_ns, c.seen_ns)

@@ -15,7 +15,7 @@ from ..free_view import NO_DIRECTION, direction_of, lowest_free
 from ..jit import inner, kernel
 from ..types import FreeEnd
 from .intervals import at_value, index_intervals
-from .tables import INFERRED, UNKNOWN_BEHIND
+from .tables import INFERRED, is_gap
 
 OUT_OF_VIEW, HIDDEN, EXPLAINED, CLEAR = 0, 1, 2, 3
 _OBSTACLE = int(FreeEnd.OBSTACLE)
@@ -52,7 +52,7 @@ def classify(place, top, bottom, slack, view):
     how far behind the place it must be free, m, without noise."""
     clear, explained, hidden = observed_heights(place, top, bottom, slack, view)
     if explained > _EXPLAINED_SHARE * (bottom - top):
-        return EXPLAINED
+        return EXPLAINED if clear + explained >= _CLEAR_SHARE * (bottom - top) else HIDDEN
     if clear >= _CLEAR_SHARE * (bottom - top):
         return CLEAR
     return HIDDEN if hidden > 0.0 else OUT_OF_VIEW
@@ -105,13 +105,6 @@ def is_beside(place, limits):
     limits: of `measured_limits`."""
     middle, half = 0.5 * (limits[0] + limits[1]), 0.5 * (limits[1] - limits[0])
     return abs(turn_between(middle, place[3])) >= half
-
-
-@inner
-def is_gap(d):
-    """Whether a detection or track is a filled gap that was observed to be open: no obstacle was measured in it. It joins two
-    obstacles, and is part of neither."""
-    return d.plane_flags & (INFERRED | UNKNOWN_BEHIND) == INFERRED
 
 
 @inner

@@ -22,15 +22,20 @@ class TrackingParams:
         "it, or where fewer than ten did and it is hidden",
     )
     memory_without_position_s: float = critical(
-        2.0, 0.2, 30.0, "s", "the same without a position of the vehicle, where its place becomes uncertain"
+        2.0,
+        0.2,
+        30.0,
+        "s",
+        "an obstacle is removed sooner, after so much time without a position of the vehicle, where its place becomes "
+        "uncertain",
     )
     speed_error_m_s: float = critical(
         5.0,
         0.0,
         20.0,
         "m/s",
-        "without a position, margins of obstacles grow by this for each second out of view; at least the greatest "
-        "speed flown so",
+        "margins of obstacles grow by this for each second without a position since they were detected; at least the "
+        "greatest speed flown so",
     )
     most_tracks: int = critical(
         2048, 64, 16384, "", "tracks held; those unobserved longest are removed and counted (`evicted`, `left_out`)"

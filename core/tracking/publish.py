@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from ..jit import inner, kernel
 from .line import EDGE_ON, along, offset, variance_at
 from .snapshot import MovingObject, TrackSnapshot
+from .tables import lost_ns
 
 NS = 1_000_000_000
 BEHIND_M = 0.1
@@ -35,22 +36,28 @@ _COLUMNS = [
 """Arrays of a TrackSnapshot, in the order in which `columns_of` returns them."""
 
 
+class MarginGrowth(NamedTuple):
+    """Margins grow by speed_error_m_s for each second of `lost`, a LostPosition, since the newest observation."""
+
+    speed_error_m_s: Any
+    lost: Any
+
+
 def snapshot_of(
-    tracks: NDArray[Any], objects: NDArray[Any], t_ns: int, growth_m_s: float, camera_m: tuple[float, float, float]
+    tracks: NDArray[Any], objects: NDArray[Any], t_ns: int, growth: MarginGrowth, camera_m: tuple[float, float, float]
 ) -> TrackSnapshot:
-    """The tracks (T,) TRACK and moving objects (M,) OBJECT at t_ns. growth_m_s: margins grow by this for each second
-    since the newest observation; camera_m: place of the frame's camera.
+    """The tracks (T,) TRACK and moving objects (M,) OBJECT at t_ns. camera_m: place of the frame's camera.
 
     A plane lies no farther behind the newest observation than BEHIND_M or a quarter of its margin, and the margin contains
     the rest: no consumer that subtracts it comes nearer than with the model of the frame alone. The plane returns slowly, so
     that it does not jump with the noise. The confidence is the share of frames in view that observed the track, and at most
     1 - 0.5^hits."""
-    columns = dict(zip(_COLUMNS, columns_of(tracks, t_ns, growth_m_s, camera_m), strict=True))
+    columns = dict(zip(_COLUMNS, columns_of(tracks, t_ns, growth, camera_m), strict=True))
     return TrackSnapshot(**columns, objects=moving_objects(objects, t_ns))
 
 
 @kernel
-def columns_of(tracks, t_ns, growth_m_s, eye):
+def columns_of(tracks, t_ns, growth, eye):
     """Returns the arrays of _COLUMNS of the tracks in use; arguments: see `snapshot_of`."""
     count = 0
     for j in range(tracks.shape[0]):
@@ -75,7 +82,8 @@ def columns_of(tracks, t_ns, growth_m_s, eye):
         planes[n, 4] = min(t.top_m, eye[2] + share * (t.top_m - eye[2]))
         planes[n, 5] = max(t.bottom_m, eye[2] + share * (t.bottom_m - eye[2]))
         unseen = t_ns - t.seen_ns
-        margin_m[n] = t.margin_m + max(0.0, excess - nearer) + growth_m_s * unseen / NS
+        margin_m[n] = t.margin_m + max(0.0, excess - nearer)
+        margin_m[n] += growth.speed_error_m_s * lost_ns(growth.lost, t.seen_ns) / NS
         sigma_m[n] = math.sqrt(max(0.0, variance_at(t, 0.5 * (t.s0_m + t.s1_m))))
         confidence[n] = t.hit_rate * (1.0 - 0.5 ** min(t.hits, 60))
         ids[n], state[n], hits[n] = t.id, t.state, t.hits

@@ -57,8 +57,9 @@ extent of this frame's observations. first_cell, cells: index of the first cell,
 it; 0: the slot is empty. plane_flags: PlaneFlags of its newest observations; cluster: of the newest one; state: S_NEW to
 S_OUT_OF_VIEW. first_detection: of this frame, -1: none; merged_into: slot of the track that an empty slot was merged into."""
 
-CELL = record(("seen_ns", np.int64), ("against", np.int32), ("hits", np.int32))
-"""A cell. seen_ns: newest observation; against: evidence that it is free; hits: frames that observed it, 0: it is empty."""
+CELL = record(("seen_ns", np.int64), ("hits", np.int32), *of_type(np.int16, "against measured"))
+"""A cell. seen_ns: newest observation; hits: frames that observed it, 0: it is empty; against: evidence that it is free;
+measured: 1 where a frame measured an obstacle in it, 0 where it is a filled gap of all frames that observed it."""
 
 DETECTION = record(
     *of_type(np.float64, "ax_m ay_m bx_m by_m top_m bottom_m tx ty length_m margin_m sigma_m"),
@@ -84,6 +85,20 @@ class Exposure(NamedTuple):
     eye: Any
     t_ns: Any
     positioned: Any
+
+
+class LostPosition(NamedTuple):
+    """The newest time without a position. from_ns: exposure of the last frame with one before it; to_ns: of the first frame with
+    one after it, or of the newest frame."""
+
+    from_ns: Any
+    to_ns: Any
+
+
+@inner
+def lost_ns(lost, seen_ns):
+    """For how long an observation has been followed by frames without a position, ns. lost: LostPosition."""
+    return max(0, lost.to_ns - max(lost.from_ns, seen_ns))
 
 
 def empty_table(most: int) -> TrackTable:
@@ -166,29 +181,39 @@ def coarsen(table, j):
         lower, upper = 2 * k - offset, 2 * k - offset + 1
         take = lower if lower >= 0 else upper
         seen, against, hits = cells[j, take].seen_ns, cells[j, take].against, cells[j, take].hits
+        measured = cells[j, take].measured if hits > 0 else 0
         if lower >= 0 and upper < track.cells and cells[j, upper].hits > 0:
             other = cells[j, upper]
             against = min(against, other.against) if hits > 0 else other.against
             seen, hits = max(seen, other.seen_ns), max(hits, other.hits)
-        cells[j, k].seen_ns, cells[j, k].against, cells[j, k].hits = seen, against, hits
+            measured = max(measured, other.measured)
+        c = cells[j, k]
+        c.seen_ns, c.against, c.hits, c.measured = seen, against, hits, measured
     track.first_cell, track.cells, track.cell_m = first, count, 2.0 * track.cell_m
 
 
 @inner
 def clear_cell(table, j, k):
     """Empties a cell."""
-    cells = table.cells
-    cells[j, k].seen_ns, cells[j, k].against, cells[j, k].hits = 0, 0, 0
+    c = table.cells[j, k]
+    c.seen_ns, c.against, c.hits, c.measured = 0, 0, 0, 0
 
 
 @inner
-def observe_cells(table, j, low, high, height_m, t_ns):
-    """One observation of the cells of slot j over low..high (s, m) and so much of their height. A small part of the height
-    keeps the cells in this frame, and is no evidence for the rest of them."""
+def is_gap(d):
+    """Whether a detection is a filled gap that was observed to be open: no obstacle was measured in it. It joins two obstacles,
+    and is part of neither."""
+    return d.plane_flags & (INFERRED | UNKNOWN_BEHIND) == INFERRED
+
+
+@inner
+def observe_cells(table, j, low, high, d, height_m, t_ns):
+    """One observation of the cells of slot j over low..high (s, m) by a detection that covers so much of their height. A small
+    part of the height keeps the cells in this frame, and is no evidence for the rest of them."""
     t = table.tracks[j]
     first = max(0, int(math.floor(low / t.cell_m)) - t.first_cell)
     last = min(t.cells - 1, int(math.floor(high / t.cell_m)) - t.first_cell)
-    small = height_m < _CONFIRMING_SHARE * (t.bottom_m - t.top_m)
+    small, measured = height_m < _CONFIRMING_SHARE * (t.bottom_m - t.top_m), 0 if is_gap(d) else 1
     for k in range(first, last + 1):
         c = table.cells[j, k]
         if c.hits > 0 and small:
@@ -197,6 +222,7 @@ def observe_cells(table, j, low, high, height_m, t_ns):
             c.seen_ns = t_ns
             c.hits = min(c.hits + 1, _MOST_HITS)
             c.against = max(0, c.against - _HIT_WEIGHT)
+        c.measured = max(c.measured, measured)
 
 
 @inner

@@ -203,7 +203,7 @@ def observe_again(table, detections, j, exposure):
         top, bottom = seen_heights(t, d, eye)
         t.frame_top_m, t.frame_bottom_m = min(t.frame_top_m, top), max(t.frame_bottom_m, bottom)
         make_room(table, j, low, high)
-        observe_cells(table, j, low, high, d.bottom_m - d.top_m, t_ns)
+        observe_cells(table, j, low, high, d, d.bottom_m - d.top_m, t_ns)
         count_observation(t, t_ns)
         k = d.next
     t.s0_m, t.s1_m = min(t.s0_m, t.frame_s0_m), max(t.s1_m, t.frame_s1_m)

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from ..free_view import FreeView, free_view, view_bytes, view_from_bytes
 from .association import GATE, WIDE_GATE, Gate, assign, find_pairs
 from .ego_motion import common_shift
-from .evidence import collect_evidence
+from .evidence import Memory, collect_evidence
 from .groups import GROUP, find_groups
 from .movers import (
     HISTORY,
@@ -30,10 +30,10 @@ from .movers import (
 )
 from .objects import MOST_OBJECTS, OBJECT, assign_groups, predict_objects
 from .params import TrackingParams
-from .publish import snapshot_of
+from .publish import MarginGrowth, snapshot_of
 from .snapshot import STATE_VERSION, TrackerState, TrackingFrame, TrackSnapshot
 from .splitting import split_tracks
-from .tables import CELL, CELLS, DETECTION, TRACK, Exposure, TrackTable, detections_of, empty_table
+from .tables import CELL, CELLS, DETECTION, TRACK, Exposure, LostPosition, TrackTable, detections_of, empty_table
 from .update import apply_detections, begin_frame
 
 NS = 1_000_000_000
@@ -44,6 +44,8 @@ _GROUPS = 128
 """Groups of a frame that may move."""
 _JUMP_M, _JUMP_SPEED_M_S = 1.0, 30.0
 """A position that steps by more has been reset."""
+_MOST_STEP_S = 10.0
+"""The covariance of a line grows for this time at most between two frames."""
 _VELOCITY_SHARE = 0.4
 """Weight of a frame in the estimated velocity of a vehicle without a position."""
 _SPARE_SLOTS = 64
@@ -89,11 +91,11 @@ class Tracker:
         if self._state.last_ns is not None and frame.t_ns <= self._state.last_ns:
             self._restart_clock(frame, self._state.last_ns)
         last_ns = self._state.last_ns
-        dt_s = 0.0 if last_ns is None else min((frame.t_ns - last_ns) / NS, 10.0)
+        dt_s = 0.0 if last_ns is None else (frame.t_ns - last_ns) / NS
         before = dict(self.counts)
         self._limit_table(len(frame.model.planes))
         aligned = self._align(frame, dt_s)
-        begin_frame(self._table, dt_s)
+        begin_frame(self._table, min(dt_s, _MOST_STEP_S))
         followed = aligned and frame.positioned
         if followed:
             predict_objects(self._objects, dt_s, frame.t_ns, frame.model.valid)
@@ -107,8 +109,9 @@ class Tracker:
                 self._estimate_motion(detections, dt_s, frame.camera_m)
             self._associate(detections, frame, view)
         release_tracks(self._table.tracks, self._objects)
-        memory_s = self.params.memory_s if frame.positioned else self.params.memory_without_position_s
-        collect_evidence(self._table, detections, view, frame.camera_m[2], frame.t_ns, round(memory_s * NS))
+        lost = self._lost_position(frame)
+        memory = Memory(round(self.params.memory_s * NS), round(self.params.memory_without_position_s * NS), lost)
+        collect_evidence(self._table, detections, view, frame.camera_m[2], frame.t_ns, memory)
         self._next_id, self._used, evicted = split_tracks(self._all, len(self._table.tracks), self._next_id, frame.t_ns)
         self._limit_table(0)
         self.counts["tracks_evicted"] += evicted
@@ -119,16 +122,27 @@ class Tracker:
             reset_counter=frame.reset_counter,
             position_jump_ns=max(self._state.position_jump_ns, frame.position_jump_ns),
             heading_jump_ns=max([self._state.heading_jump_ns, *(at_ns for at_ns, _ in frame.heading_jumps)]),
+            lost_from_ns=lost.from_ns,
+            lost_to_ns=lost.to_ns,
             origin_m=frame.origin_m,
         )
         self._keep_view(view, frame)
-        growth_m_s = 0.0 if frame.positioned else self.params.speed_error_m_s
-        snapshot = snapshot_of(self._table.tracks, self._objects, frame.t_ns, growth_m_s, frame.camera_m)
+        growth = MarginGrowth(self.params.speed_error_m_s, lost)
+        snapshot = snapshot_of(self._table.tracks, self._objects, frame.t_ns, growth, frame.camera_m)
         return replace(
             snapshot,
             left_out=self.counts["detections_left_out"] - before["detections_left_out"],
             evicted=self.counts["tracks_evicted"] - before["tracks_evicted"],
         )
+
+    def _lost_position(self, frame: TrackingFrame) -> LostPosition:
+        """The newest time without a position, after a frame."""
+        s = self._state
+        if s.last_ns is None:
+            return LostPosition(frame.t_ns, frame.t_ns)
+        if frame.positioned and s.positioned:
+            return LostPosition(s.lost_from_ns, s.lost_to_ns)
+        return LostPosition(s.last_ns if s.positioned else s.lost_from_ns, frame.t_ns)
 
     def _limit_table(self, detections: int) -> None:
         """Limits the table to the slots in use and as many as the detections of a frame can need. Slots are taken from the
@@ -150,6 +164,8 @@ class Tracker:
         self._state = replace(
             self._state,
             last_ns=last_ns + step_ns,
+            lost_from_ns=self._state.lost_from_ns + step_ns,
+            lost_to_ns=self._state.lost_to_ns + step_ns,
             position_jump_ns=frame.position_jump_ns,
             heading_jump_ns=max([at_ns for at_ns, _ in frame.heading_jumps], default=0),
         )

@@ -136,7 +136,7 @@ def observe(table, j, d, exposure):
     t.frame_s0_m, t.frame_s1_m = min(t.frame_s0_m, low), max(t.frame_s1_m, high)
     t.frame_top_m, t.frame_bottom_m = min(t.frame_top_m, top), max(t.frame_bottom_m, bottom)
     make_room(table, j, low, high)
-    observe_cells(table, j, low, high, d.bottom_m - d.top_m, t_ns)
+    observe_cells(table, j, low, high, d, d.bottom_m - d.top_m, t_ns)
     if t.seen_ns != t_ns:
         t.excess_m, t.cluster = 0.0, d.cluster  # end_observation completes the first
         if d.margin_m < t.margin_m:
@@ -150,12 +150,13 @@ def replace_line(table, j, d):
     """Gives a track the line of a detection that covers most of it. What the detection does not reach of the track stays, with
     the evidence of its cells: this frame has not observed it to be free."""
     t = table.tracks[j]
-    hits, seen_ns, against = 0, 0, 0
+    hits, seen_ns, against, measured = 0, 0, 0, 0
     for k in range(t.cells):
         c = table.cells[j, k]
         if c.hits > hits:
             against = c.against
         hits, seen_ns = max(hits, c.hits), max(seen_ns, c.seen_ns)
+        measured = max(measured, c.measured)
     x0, y0 = point_at(t, t.s0_m)
     x1, y1 = point_at(t, t.s1_m)
     begin_line(t, d)
@@ -167,7 +168,8 @@ def replace_line(table, j, d):
     clear_cell(table, j, 0)
     make_room(table, j, t.s0_m, t.s1_m)
     for k in range(t.cells):
-        table.cells[j, k].hits, table.cells[j, k].seen_ns, table.cells[j, k].against = hits, seen_ns, against
+        c = table.cells[j, k]
+        c.hits, c.seen_ns, c.against, c.measured = hits, seen_ns, against, measured
 
 
 @inner

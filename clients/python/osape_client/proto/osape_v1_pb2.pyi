@@ -628,7 +628,7 @@ class PositionState(_message.Message):
     def __init__(self, number: _Optional[int] = ..., since_ns: _Optional[int] = ..., newest: _Optional[_Union[PoseSample, _Mapping]] = ..., begun: _Optional[_Iterable[_Union[PositionState.Section, _Mapping]]] = ..., sum_m: _Optional[_Union[Vector3, _Mapping]] = ..., sums: _Optional[_Iterable[_Union[PositionState.Sum, _Mapping]]] = ...) -> None: ...
 
 class TrackerState(_message.Message):
-    __slots__ = ("camera", "format", "next_id", "next_object_id", "last_ns", "positioned", "reset_counter", "origin_m", "velocity_x_m_s", "velocity_y_m_s", "slots", "tracks", "cells", "objects", "history", "views", "position_jump_ns", "heading_jump_ns")
+    __slots__ = ("camera", "format", "next_id", "next_object_id", "last_ns", "positioned", "reset_counter", "origin_m", "velocity_x_m_s", "velocity_y_m_s", "slots", "tracks", "cells", "objects", "history", "views", "position_jump_ns", "heading_jump_ns", "lost_from_ns", "lost_to_ns")
     CAMERA_FIELD_NUMBER: _ClassVar[int]
     FORMAT_FIELD_NUMBER: _ClassVar[int]
     NEXT_ID_FIELD_NUMBER: _ClassVar[int]
@@ -647,6 +647,8 @@ class TrackerState(_message.Message):
     VIEWS_FIELD_NUMBER: _ClassVar[int]
     POSITION_JUMP_NS_FIELD_NUMBER: _ClassVar[int]
     HEADING_JUMP_NS_FIELD_NUMBER: _ClassVar[int]
+    LOST_FROM_NS_FIELD_NUMBER: _ClassVar[int]
+    LOST_TO_NS_FIELD_NUMBER: _ClassVar[int]
     camera: str
     format: int
     next_id: int
@@ -665,7 +667,9 @@ class TrackerState(_message.Message):
     views: _containers.RepeatedScalarFieldContainer[bytes]
     position_jump_ns: int
     heading_jump_ns: int
-    def __init__(self, camera: _Optional[str] = ..., format: _Optional[int] = ..., next_id: _Optional[int] = ..., next_object_id: _Optional[int] = ..., last_ns: _Optional[int] = ..., positioned: bool = ..., reset_counter: _Optional[int] = ..., origin_m: _Optional[_Union[Vector3, _Mapping]] = ..., velocity_x_m_s: _Optional[float] = ..., velocity_y_m_s: _Optional[float] = ..., slots: _Optional[bytes] = ..., tracks: _Optional[bytes] = ..., cells: _Optional[bytes] = ..., objects: _Optional[bytes] = ..., history: _Optional[bytes] = ..., views: _Optional[_Iterable[bytes]] = ..., position_jump_ns: _Optional[int] = ..., heading_jump_ns: _Optional[int] = ...) -> None: ...
+    lost_from_ns: int
+    lost_to_ns: int
+    def __init__(self, camera: _Optional[str] = ..., format: _Optional[int] = ..., next_id: _Optional[int] = ..., next_object_id: _Optional[int] = ..., last_ns: _Optional[int] = ..., positioned: bool = ..., reset_counter: _Optional[int] = ..., origin_m: _Optional[_Union[Vector3, _Mapping]] = ..., velocity_x_m_s: _Optional[float] = ..., velocity_y_m_s: _Optional[float] = ..., slots: _Optional[bytes] = ..., tracks: _Optional[bytes] = ..., cells: _Optional[bytes] = ..., objects: _Optional[bytes] = ..., history: _Optional[bytes] = ..., views: _Optional[_Iterable[bytes]] = ..., position_jump_ns: _Optional[int] = ..., heading_jump_ns: _Optional[int] = ..., lost_from_ns: _Optional[int] = ..., lost_to_ns: _Optional[int] = ...) -> None: ...
 
 class RunInfo(_message.Message):
     __slots__ = ("schema_version", "software", "config_json", "packages", "processor", "source", "changed_safety_keys", "changed_expert_keys")
