@@ -15,6 +15,7 @@ from .observed import (
     FREE_BEHIND_M,
     HIDDEN,
     OUT_OF_VIEW,
+    PARTLY_EXPLAINED,
     by_direction,
     classify,
     is_beside,
@@ -83,6 +84,8 @@ def collect_evidence(table, detections, view, eye_z, t_ns, memory):
             s = cell_middle(t, k)
             place = seen_from(t.x_m + s * t.tx, t.y_m + s * t.ty, view)
             seen = observed_as(t, place, frame)
+            if seen == PARTLY_EXPLAINED:  # what flickers is one surface with it; of a steady obstacle it proves nothing
+                seen = EXPLAINED if c.hits < MEMORY_HITS else HIDDEN
             best = max(best, seen)
             if seen >= EXPLAINED:
                 c.against += 2 if c.measured else 4
@@ -101,8 +104,7 @@ def collect_evidence(table, detections, view, eye_z, t_ns, memory):
 
 @inner
 def observed_as(t, place, frame):
-    """How a frame, Observed, observed a place (of `seen_from`) on the line of a track: CLEAR, EXPLAINED, HIDDEN or
-    OUT_OF_VIEW."""
+    """How a frame, Observed, observed a place (of `seen_from`) on the line of a track, see `classify`."""
     seen = classify(place, t.top_m, t.bottom_m, FREE_BEHIND_M + t.margin_m, frame.free)
     if seen != CLEAR and is_seen_through(place, t, frame.index, frame.free, frame.eye_z):
         seen = CLEAR

@@ -17,7 +17,7 @@ from ..types import FreeEnd
 from .intervals import at_value, index_intervals
 from .tables import INFERRED, is_gap
 
-OUT_OF_VIEW, HIDDEN, EXPLAINED, CLEAR = 0, 1, 2, 3
+OUT_OF_VIEW, HIDDEN, PARTLY_EXPLAINED, EXPLAINED, CLEAR = range(5)
 _OBSTACLE = int(FreeEnd.OBSTACLE)
 _EXPLAINED_SHARE = 0.15
 _CLEAR_SHARE = 0.5
@@ -48,11 +48,11 @@ def seen_from(x, y, view):
 
 @inner
 def classify(place, top, bottom, slack, view):
-    """How a frame observed a place (of `seen_from`) with heights top..bottom: CLEAR, EXPLAINED, HIDDEN or OUT_OF_VIEW. slack:
-    how far behind the place it must be free, m, without noise."""
+    """How a frame observed a place (of `seen_from`) with heights top..bottom: CLEAR, EXPLAINED, PARTLY_EXPLAINED where most of
+    the height was not observed, HIDDEN or OUT_OF_VIEW. slack: how far behind the place it must be free, m, without noise."""
     clear, explained, hidden = observed_heights(place, top, bottom, slack, view)
     if explained > _EXPLAINED_SHARE * (bottom - top):
-        return EXPLAINED if clear + explained >= _CLEAR_SHARE * (bottom - top) else HIDDEN
+        return EXPLAINED if clear + explained >= _CLEAR_SHARE * (bottom - top) else PARTLY_EXPLAINED
     if clear >= _CLEAR_SHARE * (bottom - top):
         return CLEAR
     return HIDDEN if hidden > 0.0 else OUT_OF_VIEW
