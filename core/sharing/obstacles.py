@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..codes import Code
-from ..types import readonly
+from ..types import store_readonly
 from .placement import Placement
 
 
@@ -80,17 +80,11 @@ class SharedObstacles:
     neighbours: tuple[NeighbourStatus, ...] = ()  # state of all neighbours
 
     def __post_init__(self) -> None:
-        n, put = len(self.sender), object.__setattr__
-        for name, dtype in (
-            ("sender", np.uint8),
-            ("ids", np.uint16),
-            ("margin_m", np.float32),
-            ("age_s", np.float32),
-            ("flags", np.uint8),
-            ("aligned", np.uint8),
-        ):
-            put(self, name, readonly(getattr(self, name), dtype, (n,), name))
-        put(self, "planes", readonly(self.planes, np.float32, (n, 6), "planes"))
+        n = len(self.sender)
+        store_readonly(self, np.uint8, (n,), "sender", "flags", "aligned")
+        store_readonly(self, np.uint16, (n,), "ids")
+        store_readonly(self, np.float32, (n,), "margin_m", "age_s")
+        store_readonly(self, np.float32, (n, 6), "planes")
 
     @classmethod
     def empty(cls, now_ns: int) -> SharedObstacles:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..types import PlaneFlags, readonly
+from ..types import PlaneFlags, store_readonly
 
 CUT = PlaneFlags.CUT_LEFT | PlaneFlags.CUT_RIGHT | PlaneFlags.CUT_TOP | PlaneFlags.CUT_BOTTOM
 """It may continue beyond what was observed, at one of its sides."""
@@ -34,12 +34,11 @@ class SharedPlanes:
     age_s: NDArray[np.float64]  # (N,) float64 since the newest observation
 
     def __post_init__(self) -> None:
-        n, put = len(self.ids), object.__setattr__
-        put(self, "ids", readonly(self.ids, np.uint16, (n,), "ids"))
-        put(self, "box", readonly(self.box, np.float64, (n, 6), "box"))
-        put(self, "margin_m", readonly(self.margin_m, np.float64, (n,), "margin_m"))
-        put(self, "flags", readonly(self.flags, np.uint8, (n,), "flags"))
-        put(self, "age_s", readonly(self.age_s, np.float64, (n,), "age_s"))
+        n = len(self.ids)
+        store_readonly(self, np.uint16, (n,), "ids")
+        store_readonly(self, np.float64, (n, 6), "box")
+        store_readonly(self, np.float64, (n,), "margin_m", "age_s")
+        store_readonly(self, np.uint8, (n,), "flags")
 
     def __len__(self) -> int:
         return len(self.ids)

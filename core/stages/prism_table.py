@@ -12,7 +12,7 @@ from typing import overload
 import numpy as np
 from numpy.typing import NDArray
 
-from ..types import Prism, readonly
+from ..types import Prism, store_readonly
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -32,16 +32,14 @@ class PrismTable(Sequence[Prism]):
     plane: NDArray[np.int32]  # (E,), plane of each edge
 
     def __post_init__(self) -> None:
-        put, n = object.__setattr__, len(self.cluster)
-        put(self, "cluster", readonly(self.cluster, np.int32, (n,), "cluster"))
-        put(self, "heights_m", readonly(self.heights_m, np.float32, (n, 2), "heights_m"))
-        put(self, "closed", readonly(self.closed, np.bool_, (n,), "closed"))
-        put(self, "margin_m", readonly(self.margin_m, np.float32, (n,), "margin_m"))
-        put(self, "vertex_begin", readonly(self.vertex_begin, np.int32, (n + 1,), "vertex_begin"))
-        put(self, "edge_begin", readonly(self.edge_begin, np.int32, (n + 1,), "edge_begin"))
-        vertices, edges = int(self.vertex_begin[-1]), int(self.edge_begin[-1])
-        put(self, "vertices_m", readonly(self.vertices_m, np.float32, (vertices, 2), "vertices_m"))
-        put(self, "plane", readonly(self.plane, np.int32, (edges,), "plane"))
+        n = len(self.cluster)
+        store_readonly(self, np.int32, (n,), "cluster")
+        store_readonly(self, np.float32, (n, 2), "heights_m")
+        store_readonly(self, np.bool_, (n,), "closed")
+        store_readonly(self, np.float32, (n,), "margin_m")
+        store_readonly(self, np.int32, (n + 1,), "vertex_begin", "edge_begin")
+        store_readonly(self, np.float32, (int(self.vertex_begin[-1]), 2), "vertices_m")
+        store_readonly(self, np.int32, (int(self.edge_begin[-1]),), "plane")
         if not (self.heights_m[:, 0] < self.heights_m[:, 1]).all():
             raise ValueError("prisms: top must be less than bottom (z is down)")
 

@@ -6,7 +6,7 @@ Frames: `optical` (x right, y down, z forward), `frd` (vehicle body), `ned` (the
 `level` (origin of frd, x along the vehicle's heading, y right, z down). See docs/reference/frames.md.
 """
 
-from .arrays import NOTHING_OPEN, readonly
+from .arrays import NOTHING_OPEN, readonly, store_readonly
 from .inputs import (
     BEYOND_MM,
     CONTINUED_MM,
@@ -71,4 +71,5 @@ __all__ = [
     "StripTable",
     "is_measured",
     "readonly",
+    "store_readonly",
 ]

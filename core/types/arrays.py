@@ -32,6 +32,12 @@ def readonly(a: NDArray[Any], dtype: type[_Scalar], shape: tuple[int | None, ...
     return view
 
 
+def store_readonly(holder: object, dtype: type[np.generic], shape: tuple[int | None, ...], *names: str) -> None:
+    """Replaces array fields of a frozen data class by their `readonly` views. Raises ValueError naming the field."""
+    for name in names:
+        object.__setattr__(holder, name, readonly(getattr(holder, name), dtype, shape, name))
+
+
 def _nothing_open() -> NDArray[np.uint8]:
     nothing = np.zeros((0, 0), np.uint8)
     nothing.setflags(write=False)

@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from .arrays import readonly
+from .arrays import store_readonly
 
 UNKNOWN_MM = 0
 """A depth pixel without a measurement: its ray is unknown."""
@@ -149,7 +149,7 @@ class DepthFrame:
     depth_mm: NDArray[np.uint16]
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "depth_mm", readonly(self.depth_mm, np.uint16, (None, None), "depth_mm"))
+        store_readonly(self, np.uint16, (None, None), "depth_mm")
 
 
 MAX_RATE_RAD_S = 70.0

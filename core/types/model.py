@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..codes import Code
-from .arrays import NOTHING_OPEN, readonly
+from .arrays import NOTHING_OPEN, store_readonly
 
 
 class InvalidCause(Code):
@@ -109,15 +109,10 @@ class FreeProfile:
 
     def __post_init__(self) -> None:
         d, layers = len(self.azimuth_edges_rad) - 1, len(self.layer_edges_m) - 1
-        put = object.__setattr__
-        put(self, "azimuth_edges_rad", readonly(self.azimuth_edges_rad, np.float32, (None,), "azimuth_edges_rad"))
-        put(self, "layer_edges_m", readonly(self.layer_edges_m, np.float32, (None,), "layer_edges_m"))
-        put(self, "free_from_m", readonly(self.free_from_m, np.float32, (d, layers), "free_from_m"))
-        put(self, "free_to_m", readonly(self.free_to_m, np.float32, (d, layers), "free_to_m"))
-        put(self, "end", readonly(self.end, np.uint8, (d, layers), "end"))
-        shape = (d, layers) if self.has_open else (0, 0)
-        put(self, "open_from_dm", readonly(self.open_from_dm, np.uint8, shape, "open_from_dm"))
-        put(self, "open_to_dm", readonly(self.open_to_dm, np.uint8, shape, "open_to_dm"))
+        store_readonly(self, np.float32, (None,), "azimuth_edges_rad", "layer_edges_m")
+        store_readonly(self, np.float32, (d, layers), "free_from_m", "free_to_m")
+        store_readonly(self, np.uint8, (d, layers), "end")
+        store_readonly(self, np.uint8, (d, layers) if self.has_open else (0, 0), "open_from_dm", "open_to_dm")
 
     @property
     def has_open(self) -> bool:
@@ -154,9 +149,8 @@ class Prism:
     plane: NDArray[np.int32]
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "vertices_m", readonly(self.vertices_m, np.float32, (None, 2), "vertices_m"))
-        edges = len(self.vertices_m) - (0 if self.closed else 1)
-        object.__setattr__(self, "plane", readonly(self.plane, np.int32, (edges,), "plane"))
+        store_readonly(self, np.float32, (None, 2), "vertices_m")
+        store_readonly(self, np.int32, (len(self.vertices_m) - (0 if self.closed else 1),), "plane")
         if not self.top_m < self.bottom_m:
             raise ValueError(f"prism: top {self.top_m} must be less than bottom {self.bottom_m} (z is down)")
 
@@ -227,13 +221,11 @@ class FrameModel:
     strips: StripTable | None = field(default=None)
 
     def __post_init__(self) -> None:
-        put = object.__setattr__
         n = len(self.planes)
-        put(self, "planes", readonly(self.planes, np.float32, (None, 6), "planes"))
-        put(self, "support_px", readonly(self.support_px, np.int32, (n,), "support_px"))
-        put(self, "margin_m", readonly(self.margin_m, np.float32, (n,), "margin_m"))
-        put(self, "flags", readonly(self.flags, np.uint8, (n,), "flags"))
-        put(self, "cluster", readonly(self.cluster, np.int32, (n,), "cluster"))
+        store_readonly(self, np.float32, (None, 6), "planes")
+        store_readonly(self, np.int32, (n,), "support_px", "cluster")
+        store_readonly(self, np.float32, (n,), "margin_m")
+        store_readonly(self, np.uint8, (n,), "flags")
         if n and not (self.planes[:, 4] < self.planes[:, 5]).all():
             raise ValueError("planes: top must be less than bottom (z is down)")
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..types import readonly
+from ..types import store_readonly
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -29,17 +29,16 @@ class WorldSnapshot:
     ground: NDArray[np.float32] | None = None
 
     def __post_init__(self) -> None:
-        n, b, put = len(self.slots), len(self.blocks), object.__setattr__
-        put(self, "slots", readonly(self.slots, np.int32, (n,), "slots"))
-        put(self, "planes", readonly(self.planes, np.float32, (n, 6), "planes"))
-        put(self, "margin_m", readonly(self.margin_m, np.float32, (n,), "margin_m"))
-        put(self, "flags", readonly(self.flags, np.uint8, (n,), "flags"))
-        put(self, "hits", readonly(self.hits, np.int32, (n,), "hits"))
-        put(self, "seen_ns", readonly(self.seen_ns, np.int64, (n,), "seen_ns"))
-        put(self, "blocks", readonly(self.blocks, np.int32, (b, 3), "blocks"))
-        put(self, "masks", readonly(self.masks, np.uint64, (b, 256), "masks"))
+        n, b = len(self.slots), len(self.blocks)
+        store_readonly(self, np.int32, (n,), "slots", "hits")
+        store_readonly(self, np.float32, (n, 6), "planes")
+        store_readonly(self, np.float32, (n,), "margin_m")
+        store_readonly(self, np.uint8, (n,), "flags")
+        store_readonly(self, np.int64, (n,), "seen_ns")
+        store_readonly(self, np.int32, (b, 3), "blocks")
+        store_readonly(self, np.uint64, (b, 256), "masks")
         if self.ground is not None:
-            put(self, "ground", readonly(self.ground, np.float32, (b, 256, 2), "ground"))
+            store_readonly(self, np.float32, (b, 256, 2), "ground")
 
     @classmethod
     def empty(cls) -> WorldSnapshot:
