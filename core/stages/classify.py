@@ -32,6 +32,8 @@ class PixelLimits(NamedTuple):
 
 
 _FAR, _SATURATED = np.uint16(FAR_MM), np.uint16(SATURATED_MM)
+UNKNOWN_INVERSE = np.float32(-1.0)
+"""1/Z of a pixel without a measurement. 0 is that of a far pixel."""
 _LEAST_M, _MOST_M = np.float32(0.0005), np.float32(65.533)
 """Limits of a depth in metres that is rounded to 1..65533 mm. Greater values of uint16 are marks."""
 
@@ -108,14 +110,14 @@ def inverse_of_row(mm, least, greatest, out):
         mm: (W,) uint16.
         least: uint16. Pixels with a smaller value are unknown.
         greatest: uint16. Pixels with a greater value are far.
-        out: (W,) float32 out, 1/m: 0 where the pixel is unknown, -1 where it is far."""
+        out: (W,) float32 out, 1/m: 0 where the pixel is far, UNKNOWN_INVERSE where it is unknown."""
     for u in range(len(mm)):
         z = mm[u]
         d = np.float32(1000.0) / np.float32(z)
         if z > greatest:
-            d = np.float32(-1.0)
-        if (z < least) | (z == _SATURATED):
             d = np.float32(0.0)
+        if (z < least) | (z == _SATURATED):
+            d = UNKNOWN_INVERSE
         out[u] = d
 
 
@@ -123,7 +125,7 @@ def inverse_of_row(mm, least, greatest, out):
 def inverse_image(depth_mm, limits):
     """Returns 1/Z of an image as `inverse_of_row`, (H + 2, W + 2) float32. The border is unknown."""
     rows, cols = depth_mm.shape
-    out = np.zeros((rows + 2, cols + 2), np.float32)
+    out = np.full((rows + 2, cols + 2), UNKNOWN_INVERSE, np.float32)
     for v in range(rows):
         inverse_of_row(depth_mm[v], limits.least_mm, limits.greatest_mm, out[v + 1, 1 : cols + 1])
     return out
@@ -131,13 +133,13 @@ def inverse_image(depth_mm, limits):
 
 @inner_ieee
 def inverse_at(depth_mm, v, u, limits):
-    """Returns 1/Z of a pixel in 1/m as `inverse_of_row`; 0 outside of the image."""
+    """Returns 1/Z of a pixel in 1/m as `inverse_of_row`. Outside of the image it is unknown."""
     if v < 0 or v >= depth_mm.shape[0] or u < 0 or u >= depth_mm.shape[1]:
-        return np.float32(0.0)
+        return UNKNOWN_INVERSE
     z = depth_mm[v, u]
     if z < limits.least_mm or z == _SATURATED:
-        return np.float32(0.0)
-    return np.float32(-1.0) if z > limits.greatest_mm else np.float32(1000.0) / np.float32(z)
+        return UNKNOWN_INVERSE
+    return np.float32(0.0) if z > limits.greatest_mm else np.float32(1000.0) / np.float32(z)
 
 
 @inner_inline
@@ -196,7 +198,8 @@ def classify(depth_mm, limits, out):
     out: (H, W) uint16, the marks."""
     rows, cols = depth_mm.shape
     least, greatest, zero = limits.least_mm, limits.greatest_mm, np.float32(0.0)
-    inverse = np.zeros((3, cols + 2), np.float32)  # 1/Z of the previous, the present and the next row, with a border
+    # 1/Z of the previous, the present and the next row, with a border
+    inverse = np.full((3, cols + 2), UNKNOWN_INVERSE, np.float32)
     inverse_of_row(depth_mm[0], least, greatest, inverse[0, 1 : cols + 1])
     flies = np.zeros(cols, np.bool_)
     measured, far, flying = 0, 0, 0
@@ -205,7 +208,7 @@ def classify(depth_mm, limits, out):
         if v + 1 < rows:
             inverse_of_row(depth_mm[v + 1], least, greatest, after)
         else:
-            after[:] = zero
+            after[:] = UNKNOWN_INVERSE
         left, middle, right, before = here[:cols], here[1 : cols + 1], here[2:], inverse[(v + 2) % 3, 1 : cols + 1]
         mm, marks = depth_mm[v], out[v]
         # 32 bits, as wide as 1/Z: wider sums would halve the number of pixels per instruction
@@ -215,13 +218,13 @@ def classify(depth_mm, limits, out):
             step = limits.absolute + limits.relative * d
             fly = is_between(d, left[u], right[u], step) | is_between(d, before[u], after[u], step)
             mark = mm[u]
-            if d < zero:
+            if d == zero:
                 mark = _FAR
-            if (d == zero) | fly:
+            if (d < zero) | fly:
                 mark = np.uint16(0)
             marks[u], flies[u] = mark, fly
             row_measured = np.int32(row_measured + np.int32(d > zero))
-            row_far = np.int32(row_far + np.int32(d < zero))
+            row_far = np.int32(row_far + np.int32(d == zero))
             row_flying = np.int32(row_flying + np.int32(fly))
         measured += int(row_measured)
         far += int(row_far)

@@ -10,11 +10,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..jit import inner, inner_ieee, inner_inline, kernel
-from ..types import FAR_MM, GREATEST_MARK_MM, SATURATED_MM, CameraInfo
+from ..jit import inner, inner_inline, kernel
+from ..types import FAR_MM, GREATEST_MARK_MM, CameraInfo
+from .classify import UNKNOWN_INVERSE, inverse_of_row
 
-_SATURATED, _FAR = np.uint16(SATURATED_MM), np.uint16(FAR_MM)
-_GREATEST_MARK = np.uint16(GREATEST_MARK_MM)
+_FAR = np.uint16(FAR_MM)
+_LEAST_MM, _GREATEST_MM = np.uint16(GREATEST_MARK_MM + 1), np.uint16(FAR_MM - 1)
+"""Depths that count as measured in the search for ramps, whatever the range of the camera."""
 _LEVEL_SHARE = np.float32(0.4)
 """Relative error of the slope of a horizontal surface that is measured over a few pixels."""
 _SPAN_PX, _REACH_PX = 4, 24
@@ -81,7 +83,7 @@ def on_ramp(left, middle, right, far_left, far_right, slopes):
     """True if the middle of five values of 1/Z along a line lies on a ramp.
 
     If 1/Z beyond the near end is unknown, a slanted surface looks the same, and the result is False.
-    left, middle, right: 1/Z in 1/m, span_px apart; 0: far, negative: unknown. far_left, far_right: 1/Z reach_px from
+    left, middle, right: 1/Z in 1/m of `inverse_of_row`, span_px apart. far_left, far_right: 1/Z reach_px from
     the middle."""
     low, high = min(left, right), max(left, right)
     step = max(slopes.least, slopes.relative * middle)
@@ -95,19 +97,6 @@ def on_ramp(left, middle, right, far_left, far_right, slopes):
     )
 
 
-@inner_ieee
-def signed_inverse(mm, out):
-    """Computes 1/Z in 1/m of one row: 0 where the sensor reports far, -1 where it reports nothing. out: float32."""
-    for u in range(len(mm)):
-        z = mm[u]
-        d = np.float32(1000.0) / np.float32(z)
-        if z == _FAR:
-            d = np.float32(0.0)
-        if (z <= _GREATEST_MARK) | (z == _SATURATED):
-            d = np.float32(-1.0)
-        out[u] = d
-
-
 @kernel
 def count_edges(depth_mm, row_step, limits):
     """Returns (ramps, rising, steps) along every row_step-th row of depth_mm, (H, W) uint16.
@@ -117,12 +106,12 @@ def count_edges(depth_mm, row_step, limits):
     far. limits: RampLimits; the least step is judged_per_m."""
     rows, cols = depth_mm.shape
     span, reach = limits.span_px, limits.reach_px
-    line = np.full(cols + 2 * reach, np.float32(-1.0), np.float32)
+    line = np.full(cols + 2 * reach, UNKNOWN_INVERSE, np.float32)
     on = np.zeros(cols + 1, np.uint8)
     slopes = Slopes(np.float32(limits.judged_per_m), np.float32(limits.relative), np.float32(limits.straight))
     ramps, rising, steps = np.int64(0), np.int64(0), np.int64(0)
     for v in range(row_step // 2, rows, row_step):
-        signed_inverse(depth_mm[v], line[reach : reach + cols])
+        inverse_of_row(depth_mm[v], _LEAST_MM, _GREATEST_MM, line[reach : reach + cols])
         far_left, left = line[:cols], line[reach - span : reach - span + cols]
         middle, right, far_right = line[reach : reach + cols], line[reach + span :], line[2 * reach :]
         following = line[reach + 1 :]
@@ -174,15 +163,14 @@ def near_end_inverse(inverse, row, column, span, reach):
 
 @inner
 def inverse_with_border(depth_mm, reach, inverse):
-    """Fills `inverse` (H + 2 reach, W + 2 reach) by `signed_inverse` of depth_mm (H, W); the border is unknown."""
+    """Fills `inverse` (H + 2 reach, W + 2 reach) by `inverse_of_row` of depth_mm (H, W); the border is unknown."""
     rows, cols = depth_mm.shape
-    nothing = np.float32(-1.0)
-    inverse[:reach] = nothing
-    inverse[rows + reach :] = nothing
-    inverse[:, :reach] = nothing
-    inverse[:, cols + reach :] = nothing
+    inverse[:reach] = UNKNOWN_INVERSE
+    inverse[rows + reach :] = UNKNOWN_INVERSE
+    inverse[:, :reach] = UNKNOWN_INVERSE
+    inverse[:, cols + reach :] = UNKNOWN_INVERSE
     for v in range(rows):
-        signed_inverse(depth_mm[v], inverse[reach + v, reach : reach + cols])
+        inverse_of_row(depth_mm[v], _LEAST_MM, _GREATEST_MM, inverse[reach + v, reach : reach + cols])
 
 
 @inner
