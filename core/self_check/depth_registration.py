@@ -102,6 +102,16 @@ def _interpolate(cells, u, v):
     return value, top + b * (bottom - top), left + a * (right - left)
 
 
+@inner
+def _add_row(J, weight, e, H, g):
+    """Adds one residual e with the derivative J (6,) to the lower triangle of H (6, 6), and to g (6,)."""
+    for i in range(6):
+        wj = weight * J[i]
+        g[i] += wj * e
+        for j in range(i + 1):
+            H[i, j] += wj * J[j]
+
+
 @kernel
 def _accumulate(first, second, R, t, H, g):
     """Computes the normal equations of one Gauss-Newton step; returns the number of cells compared.
@@ -148,11 +158,7 @@ def _accumulate(first, second, R, t, H, g):
             J[1] = gx * qz - ez * qx
             J[2] = gy * qx - gx * qy
             J[3], J[4], J[5] = gx * d, gy * d, ez * d
-            for i in range(6):
-                wj = w * J[i]
-                g[i] += wj * e
-                for j in range(i + 1):
-                    H[i, j] += wj * J[j]
+            _add_row(J, w, e, H, g)
             cells += 1
     for i in range(6):
         for j in range(i):

@@ -36,6 +36,16 @@ def is_hidden(sampled, cell, part, before, w):
 
 
 @inner
+def end_without_part(why, begun, end):
+    """Returns whether a walk ends at a ring of which no part can be judged, and its end so far.
+
+    why: of Part; begun: the walk has begun; end: its end before this ring."""
+    if begun or why == _UNKNOWN:
+        return True, _VIEW if why == _NOT_SEEN else why
+    return why == _RANGE, _NOT_SEEN if why == _NOT_SEEN else end
+
+
+@inner
 def walk_rings(sampled, cell, rings, w):
     """Walks outward through one direction and layer; returns (first, last, end) of the free rings, (-1, -1, end) if
     there are none.
@@ -57,12 +67,9 @@ def walk_rings(sampled, cell, rings, w):
         x = np.float64(rings.x[r])
         part = part_at(cell, x, sampled.in_source, w)
         if part.why != _OBSTACLE:
-            if begun or part.why == _UNKNOWN:
-                end = _VIEW if part.why == _NOT_SEEN else part.why
+            stops, end = end_without_part(part.why, begun, end)
+            if stops:
                 break
-            if part.why == _RANGE:
-                break
-            end = part.why if part.why == _NOT_SEEN else end
             continue
         from_cell, to_cell, unknown = samples_of(sampled, part, w)
         total = to_cell - from_cell

@@ -57,9 +57,9 @@ def push(queue, k):
         return
     at = state.waiting
     state.waiting += 1
-    for _ in range(64):
+    while at > 0:
         up = (at - 1) >> 1
-        if at == 0 or not _before(entries[k], entries[heap[up]]):
+        if not _before(entries[k], entries[heap[up]]):
             break
         heap[at] = heap[up]
         at = up
@@ -69,37 +69,38 @@ def push(queue, k):
 @inner_inline
 def pop(queue):
     """Removes the entry of least cost and returns its index; -1 if the queue is empty."""
-    entries, heap, lists, state = queue.entries, queue.heap, queue.lists, queue.state[0]
+    entries, heap, state = queue.entries, queue.heap, queue.state[0]
     if state.waiting == 0:
-        for _ in range(STEPS - 1 - state.list):
-            state.list += 1
-            k = lists[state.list]
-            if k >= 0:
-                break
-        if state.list < 0 or lists[state.list] < 0:
-            return -1
-        lists[state.list] = -1
-        for _ in range(entries.shape[0]):
-            following = entries[k].after
-            push(queue, k)
-            k = following
-            if k < 0:
-                break
-    taken, state.waiting = heap[0], state.waiting - 1
-    count, last = state.waiting, heap[state.waiting]
-    at = 0
-    for _ in range(64):
-        child = 2 * at + 1
-        if child >= count:
-            break
+        _fill_heap(queue)
+    if state.waiting == 0:
+        return -1
+    state.waiting -= 1
+    taken, last, count = heap[0], heap[state.waiting], state.waiting
+    at, child = 0, 1
+    while child < count:
         if child + 1 < count and _before(entries[heap[child + 1]], entries[heap[child]]):
             child += 1
         if not _before(entries[heap[child]], entries[last]):
             break
         heap[at] = heap[child]
-        at = child
+        at, child = child, 2 * child + 1
     heap[at] = last
     return np.int64(taken)
+
+
+@inner_inline
+def _fill_heap(queue):
+    """Moves the entries of the next list that has some to the heap."""
+    entries, lists, state = queue.entries, queue.lists, queue.state[0]
+    k = -1
+    while k < 0 and state.list < STEPS - 1:
+        state.list += 1
+        k = lists[state.list]
+        lists[state.list] = -1
+    while k >= 0:
+        following = entries[k].after
+        push(queue, k)
+        k = following
 
 
 @inner

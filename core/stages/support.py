@@ -57,12 +57,10 @@ def is_supported(strips, i, cols, first_of_column, least, settings):
         for j in range(first_of_column[w], first_of_column[w + 1]):
             if strips[j].top_row > bottom + rows + off:
                 break
-            if strips[j].bottom_row < top - rows - off:
-                continue
-            if strips[j].kind == MERGED:  # it may contain the strips that supported this one
+            touches, apart = strips[j].bottom_row >= top - rows - off, abs(strips[j].disparity_px - d)
+            if touches and strips[j].kind == MERGED:  # it may contain the strips that supported this one
                 return True
-            apart = abs(strips[j].disparity_px - d)
-            if j == i or apart > near:
+            if not touches or j == i or apart > near:
                 continue
             inside = top >= strips[j].top_row - 1 and bottom <= strips[j].bottom_row + 1
             if inside and strips[j].support >= large:
