@@ -7,15 +7,18 @@ s = a + b t. The noise of stereo is constant in s, so that least squares in (t, 
 normalised by the distance of the plane, without the bias of total least squares towards the camera. A plane through
 the camera cannot be represented; no camera sees one.
 
-Moments are the float64 fields sum_w, sum_t, sum_s, sum_tt, sum_ts and sum_ss of a record (TRACK, PLANE): sums over
-the strips, weighted by 1/sigma_s^2."""
+Moments can be added: those of a track, or of a plane, are fields of its record."""
 
 from __future__ import annotations
 
 import math
 
-from ..jit import inline_ieee, inner
+import numpy as np
 
+from ..jit import inline_ieee, inner, of_type
+
+MOMENTS = of_type(np.float64, "sum_w sum_t sum_s sum_tt sum_ts sum_ss")
+"""Fields of the records that have moments: sums over the strips, weighted by 1/sigma_s^2."""
 LINE_SIGMAS = 3.0
 """Noise of a strip, or of a plane, that is allowed in addition to the misfit of a line."""
 

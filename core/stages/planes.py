@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..jit import inner, kernel, record
-from .line_fit import copy_moments, fit_line, incidence_cosine
+from .line_fit import MOMENTS, copy_moments, incidence_cosine
 from .segments import tangent
 from .strips import CUT_BOTTOM, CUT_TOP, IRREGULAR, SMOOTH
 
@@ -25,12 +25,7 @@ PLANE = record(
     ("bottom_m", np.float64),
     ("front_m", np.float64),  # distance of the nearest strip edge in front of the plane, less safe_distance_m
     ("middle_m", np.float64),  # forward distance in the middle
-    ("sum_w", np.float64),  # moments, see line_fit.py
-    ("sum_t", np.float64),
-    ("sum_s", np.float64),
-    ("sum_tt", np.float64),
-    ("sum_ts", np.float64),
-    ("sum_ss", np.float64),
+    *MOMENTS,
     ("cluster", np.int32),
     ("support", np.int32),  # of its strips, in 1/PX source pixels; negative: the plane does not exist any more
     ("filled_rows", np.int32),  # rows of its strips that were not measured
@@ -71,8 +66,7 @@ def planes_from_tracks(count, tracks, settings, tables):
     half = settings.half_column_t
     for k in range(count):
         track, plane = tracks[k], planes[k]
-        a, b, _, _ = fit_line(track, settings.slope_prior)
-        plane.a, plane.b = a, b
+        plane.a, plane.b = track.a, track.b
         copy_moments(plane, track)
         plane.t0, plane.t1 = track.first_t - half, track.last_t + half
         plane.inferred = 0

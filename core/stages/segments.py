@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..jit import inner, inner_inline, kernel, record
-from .line_fit import LINE_SIGMAS, add_point, clear_moments, fit_line
+from .line_fit import LINE_SIGMAS, MOMENTS, add_point, clear_moments, fit_line
 from .openings import cell_of, layer_of
 from .strips import CUT_BOTTOM, CUT_TOP
 
@@ -32,12 +32,7 @@ TRACK = record(
     ("mean_t", np.float64),
     ("scatter", np.float64),  # weighted sum of squares of t - mean_t, with the prior
     ("variance", np.float64),  # of the line at mean_t
-    ("sum_w", np.float64),  # moments, see line_fit.py
-    ("sum_t", np.float64),
-    ("sum_s", np.float64),
-    ("sum_tt", np.float64),
-    ("sum_ts", np.float64),
-    ("sum_ss", np.float64),
+    *MOMENTS,
 )
 """A straight segment."""
 

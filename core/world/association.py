@@ -25,15 +25,10 @@ from .join_cost import (
     together,
     widened,
 )
-from .plane_index import insert, new_slot, remove, seen_again, set_links
+from .plane_index import BOX, insert, new_slot, remove, seen_again, set_links
 
 OBSERVATION = record(
-    ("ax_m", np.float64),
-    ("ay_m", np.float64),
-    ("bx_m", np.float64),
-    ("by_m", np.float64),
-    ("top_m", np.float64),
-    ("bottom_m", np.float64),
+    *((name, np.float64) for name in BOX),
     ("margin_m", np.float64),
     ("weight", np.float64),  # inverse variance, per metre of length
     ("sigma_m", np.float64),  # noise of its distance
