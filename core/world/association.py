@@ -50,6 +50,12 @@ def moments_of(plane, x, y):
 
 
 @inner
+def observed_moments(box, seen):
+    """Returns the Moments of an observation, a record of OBSERVATION. box: its Box, which may be shifted."""
+    return segment_moments(box, seen.weight * length_of(box), seen.sigma_m)
+
+
+@inner
 def put_moments(plane, m):
     """Writes Moments about the anchor to a record of SLOT."""
     plane.weight, plane.x, plane.y, plane.xx, plane.xy, plane.yy = m.w, m.x, m.y, m.xx, m.xy, m.yy
@@ -75,7 +81,7 @@ def new_plane(tables, seen, t_ns):
     plane.anchor_x_m, plane.anchor_y_m = 0.5 * (box.ax + box.bx), 0.5 * (box.ay + box.by)
     plane.margin_m, plane.noise_m, plane.plane_flags = seen.margin_m, seen.margin_m, seen.plane_flags
     a = shifted(box, float(plane.anchor_x_m), float(plane.anchor_y_m))
-    put_moments(plane, segment_moments(a, seen.weight * length_of(a.ax, a.ay, a.bx, a.by), seen.sigma_m))
+    put_moments(plane, observed_moments(a, seen))
     put_box(tables, i, box)
     count_hit(tables, i, box)
     return i
@@ -89,13 +95,10 @@ def score_observation(plane, seen, rules, memory):
     plane: a record of SLOT; seen: a record of OBSERVATION; memory: earlier observations count at most as so many."""
     x, y = float(plane.anchor_x_m), float(plane.anchor_y_m)
     a, b = shifted(box_of(plane), x, y), shifted(box_of(seen), x, y)
-    length = length_of(b.ax, b.ay, b.bx, b.by)
-    n = segment_moments(b, seen.weight * length, seen.sigma_m)
     past = moments_of(plane, x, y)
     # The limit is per metre: otherwise a short observation of a long wall would have no effect.
-    most = memory * seen.weight * length_of(a.ax, a.ay, a.bx, a.by)
-    share = min(1.0, most / past.w)
-    return joined(a, b, together(past, n, share), seen.sigma_m, rules), share
+    share = min(1.0, memory * seen.weight * length_of(a) / past.w)
+    return joined(a, b, together(past, observed_moments(b, seen), share), seen.sigma_m, rules), share
 
 
 @inner
@@ -116,16 +119,15 @@ def add_observation(tables, i, seen, frame, memory, t_ns):
     box = box_of(seen)
     b = shifted(box, x, y)
     found = widened(found, b, frame.x_m - x, frame.y_m - y, JOIN_M)
-    weight = seen.weight * length_of(b.ax, b.ay, b.bx, b.by)
-    m = together(moments_of(plane, x, y), segment_moments(b, weight, seen.sigma_m), share)
-    part = weight / m.w
+    observed = observed_moments(b, seen)
+    m = together(moments_of(plane, x, y), observed, share)
+    part = observed.w / m.w
     put_moments(plane, m)
-    length = length_of(found.ax, found.ay, found.bx, found.by)
     ahead, moved = ahead_of(found, b), ahead_of(found, shifted(box_of(plane), x, y))
     mean = (1.0 - part) * float(plane.margin_m) + part * seen.margin_m
     plane.margin_m = max(mean, max(ahead, moved))
     plane.noise_m = max((1.0 - part) * float(plane.noise_m) + part * seen.margin_m, ahead)
-    measured = seen.plane_flags & _INFERRED == 0 and length_of(b.ax, b.ay, b.bx, b.by) >= _WHOLE * length
+    measured = seen.plane_flags & _INFERRED == 0 and length_of(b) >= _WHOLE * length_of(found)
     inferred = found.gap > CORNER_M or ((plane.plane_flags | seen.plane_flags) & _INFERRED != 0 and not measured)
     plane.plane_flags = joined_flags(plane.plane_flags, seen.plane_flags, inferred)
     plane.cut = joined_cuts(found, shifted(box_of(plane), x, y), plane.cut, b, 0)

@@ -72,9 +72,16 @@ class Joined(NamedTuple):
 
 
 @inner
-def length_of(ax, ay, bx, by):
-    """Returns the length of a segment, never 0."""
-    return max(math.sqrt((bx - ax) ** 2 + (by - ay) ** 2), _TINY)
+def length_of(ends):
+    """Returns the length of a Box or a Joined, never 0."""
+    return max(math.sqrt((ends.bx - ends.ax) ** 2 + (ends.by - ends.ay) ** 2), _TINY)
+
+
+@inner
+def along(ends):
+    """Returns (dx, dy, length) of a Box or a Joined: its direction from end a to end b, and its length, never 0."""
+    length = length_of(ends)
+    return (ends.bx - ends.ax) / length, (ends.by - ends.ay) / length, length
 
 
 @inner
@@ -198,8 +205,8 @@ def reach_of(sigma):
 @inner
 def distance_of(found, box):
     """Returns the distance of the farther end of a box from a plane. found: Joined."""
-    length = length_of(found.ax, found.ay, found.bx, found.by)
-    return off_line(box, found.ax, found.ay, (found.bx - found.ax) / length, (found.by - found.ay) / length)
+    dx, dy, _length = along(found)
+    return off_line(box, found.ax, found.ay, dx, dy)
 
 
 @inner
@@ -210,8 +217,7 @@ def joined(a, b, m, sigma, rules):
     no = Joined(REFUSED, 0.0, 0.0, 0.0, 0.0, 0.0)
     if min(a.bottom, b.bottom) <= max(a.top, b.top) or max(a.bottom, b.bottom) - min(a.top, b.top) > TALLEST_M:
         return no
-    la, lb = length_of(a.ax, a.ay, a.bx, a.by), length_of(b.ax, b.ay, b.bx, b.by)
-    uax, uay, ubx, uby = (a.bx - a.ax) / la, (a.by - a.ay) / la, (b.bx - b.ax) / lb, (b.by - b.ay) / lb
+    (uax, uay, la), (ubx, uby, lb) = along(a), along(b)
     facing = uax * ubx + uay * uby
     if facing <= 0.0 or (min(la, lb) > _SHORT_M and facing < _TURN_COS):
         return no
@@ -241,9 +247,9 @@ def stands_for(found, box, sigma, x, y):
     or by one that is seen edge-on. found: Joined; sigma: noise of the box; box, x, y: relative to the same point."""
     mx, my = 0.5 * (box.ax + box.bx) - x, 0.5 * (box.ay + box.by) - y
     width = mx * (box.by - box.ay) - my * (box.bx - box.ax)
-    width /= length_of(box.ax, box.ay, box.bx, box.by)
+    width /= length_of(box)
     seen = mx * (found.by - found.ay) - my * (found.bx - found.ax)
-    seen /= length_of(found.ax, found.ay, found.bx, found.by)
+    seen /= length_of(found)
     if seen < _LEAST_WIDTH * width or distance_of(found, box) >= reach_of(sigma):
         return False
     facing = seen / math.sqrt(mx * mx + my * my) if seen > 0.0 else 0.0
@@ -256,8 +262,8 @@ def ahead_of(found, box):
 
     The margin of a joined plane contains this distance of its parts, so that nothing that was observed lies in front of
     the plane and its margin. found: Joined; box: relative to the same anchor."""
-    length = length_of(found.ax, found.ay, found.bx, found.by)
-    nx, ny = -(found.by - found.ay) / length, (found.bx - found.ax) / length  # to the right of a -> b
+    dx, dy, _length = along(found)
+    nx, ny = -dy, dx  # to the right of a -> b
     return max(
         (box.ax - found.ax) * nx + (box.ay - found.ay) * ny,
         (box.bx - found.ax) * nx + (box.by - found.ay) * ny,
@@ -270,8 +276,7 @@ def widened(found, box, x, y, most):
     `most` metres.
 
     A plane behind the box would hide less. found: Joined; box, x, y: relative to the same point."""
-    length = length_of(found.ax, found.ay, found.bx, found.by)
-    dx, dy = (found.bx - found.ax) / length, (found.by - found.ay) / length
+    dx, dy, length = along(found)
     begin = min(0.0, hidden_end(found, box.ax, box.ay, x, y, most))
     end = max(length, hidden_end(found, box.bx, box.by, x, y, most))
     ax, ay, bx, by = found.ax + begin * dx, found.ay + begin * dy, found.ax + end * dx, found.ay + end * dy
@@ -282,8 +287,7 @@ def widened(found, box, x, y, most):
 def hidden_end(found, px, py, x, y, most):
     """Returns where the viewing ray of a point (px, py) meets the line of `found`, m from its end a along the line, but at
     most `most` from the foot of the point. (x, y): place of the camera."""
-    length = length_of(found.ax, found.ay, found.bx, found.by)
-    dx, dy = (found.bx - found.ax) / length, (found.by - found.ay) / length
+    dx, dy, _length = along(found)
     foot = (px - found.ax) * dx + (py - found.ay) * dy
     rx, ry = px - x, py - y
     across = rx * dy - ry * dx
