@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 import struct
-from typing import Final
+from collections.abc import Callable
+from typing import Final, TypeVar
 
 from .plane_codec import LONG, SHORT, Anchor, PlaneForm, decoded_planes, encoded_plane, fits
 from .records import (
@@ -19,6 +20,7 @@ from .records import (
     VehicleState,
 )
 
+T = TypeVar("T")
 VERSION: Final = 2
 STATE_KIND, LONG_PLANES_KIND, MOVERS_KIND, SHORT_PLANES_KIND = 1, 2, 3, 4
 MOTION_FLAG: Final = 8
@@ -125,11 +127,7 @@ def decoded(data: bytes) -> Packet:
 
 def mover_fits(mover: SharedMover, anchor_m: Anchor) -> bool:
     """True if a moving obstacle can be sent with this anchor."""
-    try:
-        _mover(mover, anchor_m)
-    except PacketError:
-        return False
-    return True
+    return _fits(_mover, mover, anchor_m)
 
 
 def plane_fits(form: PlaneForm, planes: SharedPlanes, row: int, anchor_m: Anchor) -> bool:
@@ -139,8 +137,12 @@ def plane_fits(form: PlaneForm, planes: SharedPlanes, row: int, anchor_m: Anchor
 
 def motion_fits(motion: Motion, anchor_m: Anchor) -> bool:
     """True if a motion can be sent with this anchor."""
+    return _fits(_motion, motion, anchor_m)
+
+
+def _fits(encode: Callable[[T, Anchor], bytes], content: T, anchor_m: Anchor) -> bool:
     try:
-        _motion(motion, anchor_m)
+        encode(content, anchor_m)
     except PacketError:
         return False
     return True

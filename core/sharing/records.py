@@ -90,21 +90,19 @@ class LocalFrame:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class VehicleState:
-    """A vehicle: its frame, its position and velocity in it, and the radius of a sphere that contains it."""
-
-    frame: LocalFrame
-    position_m: tuple[float, float, float]
-    velocity_m_s: tuple[float, float, float]
-    radius_m: float
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class Motion:
     """Position and velocity of a vehicle in its frame."""
 
     position_m: tuple[float, float, float]
     velocity_m_s: tuple[float, float, float]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class VehicleState(Motion):
+    """A vehicle: its frame, its motion in it, and the radius of a sphere that contains it."""
+
+    frame: LocalFrame
+    radius_m: float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -114,7 +114,7 @@ class SendQueue:
         state = offer.state
         if state is None or now_ns - self._motion_ns < MOTION_NS:
             return
-        anchor_m = _anchor(np.array([*state.position_m[:2], *state.position_m[:2], state.position_m[2]]))
+        anchor_m = _anchor_at(*state.position_m)
         motion = self._motion(offer, anchor_m)
         if motion is None:  # the state has a greater range
             self._states = 0
@@ -124,10 +124,8 @@ class SendQueue:
         self._add(out, now_ns, planes_packet, SharedPlanes.empty(), anchor_m, SHORT, motion)
 
     def _motion(self, offer: Offer, anchor_m: Anchor) -> Motion | None:
-        if offer.state is None:
-            return None
-        motion = Motion(position_m=offer.state.position_m, velocity_m_s=offer.state.velocity_m_s)
-        return motion if motion_fits(motion, anchor_m) else None
+        """Returns the own motion; None: it is not known, or cannot be sent with this anchor."""
+        return offer.state if offer.state is not None and motion_fits(offer.state, anchor_m) else None
 
     def _header(self, now_ns: int) -> Header:
         self._sent_ms = max(self._sent_ms + 1, (now_ns - self._begun_ns) // 1_000_000)
@@ -153,13 +151,9 @@ class SendQueue:
         state = offer.state
         if state is None:
             return
-        x, y, z = state.position_m
+        x, y, _ = state.position_m
         near = sorted(offer.movers, key=lambda m: (math.hypot(m.centre_m[0] - x, m.centre_m[1] - y), m.id))
-        try:
-            anchor_m = anchor_of(x, y, z)
-        except PacketError:
-            self.unencodable += len(near)
-            return
+        anchor_m = _anchor_at(*state.position_m)
         good = [m for m in near if mover_fits(m, anchor_m)]
         self.unencodable += len(near) - len(good)
         begin = self._next_mover % len(good) if len(good) > MOVERS_PER_TUNNEL else 0
@@ -254,8 +248,13 @@ class SendQueue:
 
 def _anchor(box: NDArray[np.float64]) -> Anchor:
     """Returns the anchor of a plane (6,)."""
+    return _anchor_at(0.5 * (box[0] + box[2]), 0.5 * (box[1] + box[3]), box[4])
+
+
+def _anchor_at(x_m: float, y_m: float, z_m: float) -> Anchor:
+    """Returns the anchor nearest to a place; the origin if that is too far from it: nothing there can be sent."""
     try:
-        return anchor_of(0.5 * (box[0] + box[2]), 0.5 * (box[1] + box[3]), box[4])
+        return anchor_of(x_m, y_m, z_m)
     except PacketError:
         return 0.0, 0.0, 0.0
 
