@@ -50,7 +50,7 @@ def ground_limit(code, ground):
     return ground.height * q - min(max(ground.spread, ground.least * q), ground.cap * q) + ground.slope_x
 
 
-def ground_threshold(ground: Ground, view: ViewGeometry, ke_per_m: float, params: Params) -> GroundThreshold:
+def ground_threshold(ground: Ground, view: ViewGeometry, params: Params) -> GroundThreshold:
     """Returns the threshold that separates obstacles from the ground of a frame."""
     f, zero = np.float32, np.float32(0.0)
     if not ground.seen:
@@ -62,7 +62,7 @@ def ground_threshold(ground: Ground, view: ViewGeometry, ke_per_m: float, params
         height=f(ground.height_m / gain),
         least=f(min(params.ground_tolerance_m, cap) / gain),
         cap=f(cap / gain),
-        spread=f(params.ground_sigmas * ke_per_m * ground.height_m),
+        spread=f(ground.noise_per_m),
         slope_x=f(ground.slope_x),
         shift=(ground.slope_y * azimuth_t).astype(np.float32),
         plane=GroundPlane(float(ground.height_m), float(ground.slope_x), float(ground.slope_y)),

@@ -78,13 +78,12 @@ def search_strips(
     levelled: LevelledView,
     source: NDArray[Any],
     ground: Ground,
-    ke_per_m: float,
     settings: Settings,
     p: Params,
     buffers: Buffers,
 ) -> Strips:
     """Returns the strips of a frame, valid until the next call."""
-    codes, view, threshold = levelled.codes, levelled.view, ground_threshold(ground, levelled.view, ke_per_m, p)
+    codes, view, threshold = levelled.codes, levelled.view, ground_threshold(ground, levelled.view, p)
     strips = buffers("strips", (view.cols * p.max_column_strips,), STRIP)
     first_of_column = buffers("first_of_column", (view.cols + 1,), np.int32)
     count, before, ground_px, merged = strips_of_view(

@@ -166,7 +166,9 @@ def test_the_model_s_ground_bounds_a_ray_as_the_profile_does() -> None:
     g, source = view_geometry(INFO, R, p), source_of(INFO, R, 12.0)[0]
     for _ in range(200):
         slopes = rng.uniform(-0.2, 0.2, 2)
-        ground = Ground(seen=True, height_m=rng.uniform(0.5, 4.0), slope_x=slopes[0], slope_y=slopes[1])
+        height_m = rng.uniform(0.5, 4.0)
+        noise_per_m = p.ground_sigmas * KE * height_m
+        ground = Ground(seen=True, height_m=height_m, slope_x=slopes[0], slope_y=slopes[1], noise_per_m=noise_per_m)
         azimuth, z = rng.uniform(-0.8, 0.8), rng.uniform(-3.0, 5.0)
         (lo,), (hi,) = above_ground(
             ground, np.array([azimuth]), np.array([z]), np.array([1.0]), np.array([12.0]), KE, p

@@ -86,7 +86,12 @@ def test_counting_and_walking_against_every_cell(seed: int) -> None:
     H = np.eye(3)
     H[2] = right / F, down / F, ahead - right * 11.5 / F - down * 44.5 / F
     g = view(cols=24, rows=rows)._replace(cv=44.5, cu=11.5, H=H)
-    ground = Ground(seen=bool(rng.random() < 0.5), height_m=1.3, slope_x=0.02, slope_y=-0.1, blind_beyond_m=7.0)
+    ground = NO_GROUND
+    if rng.random() < 0.5:
+        noise_per_m = 4.0 * KE * 1.3
+        ground = Ground(
+            seen=True, height_m=1.3, slope_x=0.02, slope_y=-0.1, blind_beyond_m=7.0, noise_per_m=noise_per_m
+        )
     image = np.array([(40, 100, 1.0, 0.0, clear_m, 20.0, rng.uniform(0.1, 3.0))], SOURCE)[0]
     w = geometry.walk_settings(
         g, image, ground, KE, Params(profile_block_px=asked, profile_blank_m=rng.uniform(0.1, 1.0))
@@ -350,7 +355,7 @@ def test_a_ball_between_floor_and_ceiling_fits_into_free_layers() -> None:
 
 def test_layers_go_down_to_what_can_be_distinguished_from_the_ground() -> None:
     p = Params()
-    ground = Ground(seen=True, height_m=2.0, slope_x=0.02, slope_y=-0.01)
+    ground = Ground(seen=True, height_m=2.0, slope_x=0.02, slope_y=-0.01, noise_per_m=4 * 0.005 * 2.0)
     w = geometry.walk_settings(view(), SEEN_TO_19_M, ground, 0.005, p)[0]
     for t in (0.0, 0.4):
         for x in (1.0, 10.0, 18.0):
@@ -363,11 +368,11 @@ def test_nothing_below_the_ground_is_free() -> None:
     g = view(rows=200, cols=160)
     far = np.full((160, 200), 1, np.uint16)
     assert (profile(far, g).free_to_m[:, 4] > 5).all()
-    low = profile(far, g, Ground(seen=True, height_m=1.2))
+    low = profile(far, g, Ground(seen=True, height_m=1.2, noise_per_m=4 * KE * 1.2))
     assert (low.free_to_m[:, 4:] == 0).all()
     assert (low.free_to_m[:, 3] > 5).all()
     # a layer cut by the ground is judged down to it
-    assert (profile(far, g, Ground(seen=True, height_m=2.5)).free_to_m[:, 4] > 5).all()
+    assert (profile(far, g, Ground(seen=True, height_m=2.5, noise_per_m=4 * KE * 2.5)).free_to_m[:, 4] > 5).all()
 
 
 def stopped(

@@ -174,8 +174,10 @@ def test_the_ground_threshold_against_its_definition(height: float, slope_x: flo
     rng = np.random.default_rng(seed)
     info = CameraInfo("test", Intrinsics(40, 30, 30.0, 30.0, 19.5, 14.5))
     view = view_geometry(info, level(-0.3, 0.2), P)
-    ground = Ground(seen=True, height_m=height, slope_x=slope_x, slope_y=slope_y)
-    threshold = ground_threshold(ground, view, 0.005, P)
+    ground = Ground(
+        seen=True, height_m=height, slope_x=slope_x, slope_y=slope_y, noise_per_m=P.ground_sigmas * 0.005 * height
+    )
+    threshold = ground_threshold(ground, view, P)
     for _ in range(20):
         q, u = round(view.f_px * view.lsb_per_px / rng.uniform(1.0, 20.0)), int(rng.integers(0, view.cols))
         x = view.f_px * view.lsb_per_px / q  # there is one limit for each code, so a code's own distance is asked for
@@ -184,7 +186,7 @@ def test_the_ground_threshold_against_its_definition(height: float, slope_x: flo
         for above, expected in ((tolerance + 0.03, False), (tolerance - 0.03, True), (-5.0, True)):
             z = height + slope_x * x + slope_y * y - above
             assert bool(z / x - threshold.shift[u] > ground_limit(q, threshold)) == expected
-    threshold = ground_threshold(NO_GROUND, view, 0.005, P)
+    threshold = ground_threshold(NO_GROUND, view, P)
     assert all(np.isinf(ground_limit(q, threshold)) for q in (2, 1000, 65535))
     assert (threshold.shift == 0).all()
 
@@ -330,7 +332,7 @@ def test_what_stands_out_of_the_grounds_noise_against_its_definition(height: flo
     ]
     kept = strips[want].copy()
     view, settings = g._replace(tan_mid=tan_mid), view_settings(g, ke, P)[0]
-    threshold = ground_threshold(ground, view, ke, P)._replace(shift=shift)
+    threshold = ground_threshold(ground, view, P)._replace(shift=shift)
     n = drop_ground_noise(strips, 40, codes, view, threshold, settings, np.zeros(40, np.uint8))
     np.testing.assert_array_equal(strips[:n], kept)
 

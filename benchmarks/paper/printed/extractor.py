@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from core.extractor import rotation_cause
+from core.extractor import usable_view
 from core.frames import Rotation
 from core.stages.classify import classify, depth_to_mm, pixel_limits
 from core.stages.free_profile import empty_profile
@@ -13,7 +13,7 @@ from core.stages.ground import NO_GROUND
 from core.stages.model import blind_model, pixel_stats
 from core.stages.pooling import pool_columns
 from core.stages.prisms import layered_prisms
-from core.stages.view_geometry import ViewGeometry, pooled_geometry, view_geometry
+from core.stages.view_geometry import ViewGeometry, pooled_geometry
 from core.types import CameraInfo, ExtractorState, FrameModel, InvalidCause, PlaneFlags, StripTable
 
 from .clusters import cluster_strips
@@ -48,9 +48,9 @@ class PaperExtractor:
         state = state or ExtractorState()
         R = np.ascontiguousarray(R_level_optical, np.float64)
         depth_mm = depth_to_mm(depth, np.empty((k.height, k.width), np.uint16))
-        cause = rotation_cause(R, p)
-        if cause or view_geometry(info, R, p).is_empty:
-            return blind_model(info, cause or InvalidCause.TOO_STEEP, p), state
+        cause = usable_view(info, R, p)
+        if isinstance(cause, InvalidCause):
+            return blind_model(info, cause, p), state
         marks = np.empty(depth_mm.shape, np.uint16)
         counts = classify(depth_mm, pixel_limits(info, info.ke_per_m, p)._replace(relative=_NEVER), marks)
         if (counts[0] + counts[1]) / depth_mm.size < p.min_measured_share:
