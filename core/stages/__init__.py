@@ -20,6 +20,8 @@ named tuple (peak: Peak, cover: Cover) is one.
     points           (N,) POINT, sampled pixels of ground.py
     bins             BinTable
     column           Column, the column whose strips are searched
+    sampled          Sampled of the direction of the free-range profile that is judged; cell: its ProfileCell in one
+                     layer; part: the Part of that at a distance; rings: Rings of the layer
     strips, n        (N,) STRIP of which the first n are used; StripList in the stages of planes
     first_of_column  (cols + 1,) int32: the strips of column u are first_of_column[u]..first_of_column[u + 1] - 1
     kind             kind of a strip, SMOOTH to MERGED

@@ -19,13 +19,7 @@ _OBSTACLE, _VIEW = int(FreeEnd.OBSTACLE), int(FreeEnd.FIELD_OF_VIEW)
 
 @inner
 def range_of_cell(sampled, cell, rings, w):
-    """Returns (free_from_m, free_to_m, end) of one direction and layer, 0 and 0 if nothing is free.
-
-    Args:
-        sampled: Sampled of the direction.
-        cell: ProfileCell.
-        rings: Rings of the layer.
-        w: a record of WALK_SETTINGS."""
+    """Returns (free_from_m, free_to_m, end) of one direction and layer, 0 and 0 if nothing is free."""
     first, last, end = walk_rings(sampled, cell, rings, w)
     if first < 0:
         return 0.0, 0.0, end
@@ -42,7 +36,7 @@ def begin_of_range(sampled, cell, rings, first, w):
 
     This holds only where the ring before is out of view: one that is in view and was not free may hold an object. The cells
     that cover the layer at the middle must see through the first free ring. No hole at the middle or at that ring may hide
-    an object between them. Arguments: see `range_of_cell`."""
+    an object between them."""
     before, x, blocking = np.float64(rings.x[first - 1]), np.float64(rings.x[first]), rings.blocking[first]
     if part_at(cell, before, sampled.in_source, w).why != _VIEW:
         return x

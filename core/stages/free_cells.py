@@ -31,19 +31,13 @@ def looked_at(rows, looked):
 
 
 class Samples(NamedTuple):
-    """Sampled cells of one direction, block by block of rows, and what is counted of them.
+    """Sampled cells of one direction, block by block of rows, and what is counted of them."""
 
-    Attributes:
-        cells: uint16, with room for one cell per row and column and two more. The cells of block b are
-            cells[begin[b]:begin[b + 1]].
-        begin: (B + 1,) int64.
-        unknown: (B + 1,) int64, the number of unknown cells in all blocks before b.
-        of_row: (rows,) uint16 scratch, the unknown cells of each row."""
-
+    # uint16, with room for one cell per row and column and two more; those of block b are cells[begin[b]:begin[b + 1]]
     cells: Any
-    begin: Any
-    unknown: Any
-    of_row: Any
+    begin: Any  # (B + 1,) int64
+    unknown: Any  # (B + 1,) int64, the number of unknown cells in all blocks before b
+    of_row: Any  # (rows,) uint16 scratch, the unknown cells of each row
 
 
 @inner
@@ -104,14 +98,10 @@ def unknown_of_blocks(codes):
 
 
 class DarkColumns(NamedTuple):
-    """The columns of a direction that have blocks of DARK_ROWS rows of which more than half of the cells are unknown.
+    """The columns of a direction that have blocks of DARK_ROWS rows of which more than half of the cells are unknown."""
 
-    Attributes:
-        columns: (K,) int64.
-        blocks: (K, rows // DARK_ROWS + 1) int16, of each of them the number of such blocks before block b."""
-
-    columns: Any
-    blocks: Any
+    columns: Any  # (K,) int64
+    blocks: Any  # (K, rows // DARK_ROWS + 1) int16, of each of them the number of such blocks before block b
 
 
 @inner
@@ -136,19 +126,13 @@ def count_dark_blocks(unknown, columns, out):
 
 
 class Sampled(NamedTuple):
-    """What the walk counts in one direction.
-
-    Attributes:
-        codes: (cols, rows) uint16 of the view.
-        in_source: (first, last) row, see `free_geometry.common_source_rows`.
-        samples: Samples of the columns that have their middle in the direction.
-        dark: DarkColumns of the columns that overlap the direction.
-        holes, near_holes: (rows,) uint8, `own` and `beside` of `free_holes.join_holes`, of the columns of `dark`."""
+    """What the walk counts in one direction."""
 
     codes: Any
-    in_source: Any
-    samples: Any
-    dark: Any
+    in_source: Any  # (first, last) row, see `free_geometry.common_source_rows`
+    samples: Any  # Samples of the columns that have their middle in the direction
+    dark: Any  # DarkColumns of the columns that overlap the direction
+    # holes, near_holes: (rows,) uint8, `own` and `beside` of `free_holes.join_holes`, of the columns of `dark`
     holes: Any
     near_holes: Any
 

@@ -46,31 +46,21 @@ WALK_SETTINGS = parameter_record(
 
 
 class ProfileCell(NamedTuple):
-    """One direction and one layer of the profile.
+    """One direction and one layer of the profile."""
 
-    Attributes:
-        t0, t1: tangents y/x of the edges of the direction.
-        top, bottom: heights z of the edges of the layer, m."""
-
-    t0: float
+    t0: float  # t0, t1: tangents y/x of the edges of the direction
     t1: float
-    top: float
+    top: float  # top, bottom: heights z of the edges of the layer, m
     bottom: float
 
 
 class Part(NamedTuple):
-    """The part of a cell that can be judged at a distance.
+    """The part of a cell that can be judged at a distance."""
 
-    Attributes:
-        x: forward distance, m.
-        why: FreeEnd, why no part can be judged; OBSTACLE: it can.
-        lower: its lower end, m; the upper one is that of the cell.
-        first, last: its rows. Valid if it can be judged, or if it cannot because it is out of view."""
-
-    x: float
-    why: int
-    lower: float
-    first: int
+    x: float  # forward distance, m
+    why: int  # FreeEnd, why no part can be judged; OBSTACLE: it can
+    lower: float  # its lower end, m; the upper one is that of the cell
+    first: int  # first, last: its rows. Valid if it can be judged, or if it cannot because it is out of view
     last: int
 
 

@@ -47,18 +47,12 @@ _MAX_RINGS = 250
 
 
 class ProfileGrid(NamedTuple):
-    """What a profile is judged at: D directions, L layers, R rings.
+    """What a profile is judged at: D directions, L layers, R rings."""
 
-    Attributes:
-        edges_t: (D + 1,) float64, tangents of the edges of the directions.
-        layers: (L + 1,) float32, edges of the layers, z down, m.
-        ring_m: (R,) float32 forward distances, m.
-        blocking: (L, R) int32 of `blocking_codes`."""
-
-    edges_t: Any
-    layers: Any
-    ring_m: Any
-    blocking: Any
+    edges_t: Any  # (D + 1,) float64, tangents of the edges of the directions
+    layers: Any  # (L + 1,) float32, edges of the layers, z down, m
+    ring_m: Any  # (R,) float32 forward distances, m
+    blocking: Any  # (L, R) int32 of `blocking_codes`
 
 
 @inner
@@ -87,12 +81,7 @@ def overlapping_columns(columns, cols, begin, end):
 def walk_view(codes, view, image, grid, w):
     """Returns free_from_m, free_to_m and end of FreeObservation for every direction and layer of a levelled view.
 
-    Args:
-        codes: (cols, rows) uint16 of the view without pooling.
-        view: ViewGeometry.
-        image: a record of SOURCE.
-        grid: ProfileGrid.
-        w: a record of WALK_SETTINGS."""
+    codes, view: of the view without pooling; grid: ProfileGrid."""
     (cols, rows), edges_t, layers = codes.shape, grid.edges_t, grid.layers
     n, blocks = len(edges_t) - 1, (rows + w.block_rows - 1) // w.block_rows
     shape = (n, len(layers) - 1)
@@ -149,42 +138,25 @@ def _layer_edges(inner: int, inner_m: float, outer: int, reach_m: float) -> NDAr
 
 
 class FreeObservation(NamedTuple):
-    """Free ranges by pixels alone, before they are limited by planes. Ranges are forward distances.
+    """Free ranges by pixels alone, before they are limited by planes. Ranges are forward distances."""
 
-    Attributes:
-        edges_rad: (D + 1,) float64, azimuths of the edges of the directions.
-        edges_t: (D + 1,) float64, their tangents.
-        pixel_t: tangent of a column of the view.
-        row_t: tangent of a row of the view.
-        layers_m: (L + 1,) float32, edges of the layers, z down.
-        free_from_m: (D, L) float32.
-        free_to_m: (D, L) float32.
-        end: (D, L) uint8 FreeEnd."""
-
-    edges_rad: NDArray[np.float64]
-    edges_t: NDArray[np.float64]
-    pixel_t: float
-    row_t: float
-    layers_m: NDArray[np.float32]
-    free_from_m: NDArray[np.float32]
-    free_to_m: NDArray[np.float32]
-    end: NDArray[np.uint8]
+    edges_rad: NDArray[np.float64]  # (D + 1,), azimuths of the edges of the directions
+    edges_t: NDArray[np.float64]  # (D + 1,), their tangents
+    pixel_t: float  # tangent of a column of the view
+    row_t: float  # tangent of a row of the view
+    layers_m: NDArray[np.float32]  # (L + 1,), edges of the layers, z down
+    free_from_m: NDArray[np.float32]  # (D, L)
+    free_to_m: NDArray[np.float32]  # (D, L)
+    end: NDArray[np.uint8]  # (D, L) FreeEnd
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class WalkedView:
-    """A levelled view, and what is known of its frame.
+    """A levelled view, and what is known of its frame."""
 
-    Attributes:
-        codes: (cols, rows) uint16 quantised disparity without pooling.
-        geometry: geometry of `codes`.
-        source: (1,) SOURCE.
-        ground: ground of the frame.
-        ke_per_m: noise coefficient."""
-
-    codes: NDArray[np.uint16]
-    geometry: ViewGeometry
-    source: NDArray[Any]
+    codes: NDArray[np.uint16]  # without pooling
+    geometry: ViewGeometry  # geometry of `codes`
+    source: NDArray[Any]  # (1,) SOURCE
     ground: Ground
     ke_per_m: float
 

@@ -23,13 +23,7 @@ def is_hidden(sampled, cell, part, before, w):
 
     Where some of this space may be too near to be measured, any hole counts, also one a column or LEAST_SIDE rows beside the part;
     elsewhere one of the size of profile_blank_m.
-
-    Args:
-        sampled: Sampled of the direction.
-        cell: ProfileCell.
-        part: Part of the cell at a ring.
-        before: distance from which on the ring would make the layer free, m.
-        w: a record of WALK_SETTINGS."""
+    before: distance from which on the ring would make the layer free, m."""
     if least_optical_depth(cell, before, part.lower, w) <= w.near_m:
         return holds_hole(sampled.near_holes, part.first - LEAST_SIDE, part.last + LEAST_SIDE, 0)
     return holds_hole(sampled.holes, part.first, part.last, side_index(w.profile_blank_m * w.f_px / part.x))
@@ -55,13 +49,7 @@ def walk_rings(sampled, cell, rings, w):
     the walk, those behind it. A ring with a column that may hide an object ends the walk. So neither makes a ring free that would not be
     without it.
 
-    Nothing is free beyond the range. See `part_at` for layers that the ground cuts.
-
-    Args:
-        sampled: Sampled of the direction.
-        cell: ProfileCell.
-        rings: Rings of the layer.
-        w: a record of WALK_SETTINGS."""
+    Nothing is free beyond the range. See `part_at` for layers that the ground cuts."""
     first, last, end, begun = -1, -1, _NOT_SEEN, False
     for r in range(len(rings.x)):
         x = np.float64(rings.x[r])
