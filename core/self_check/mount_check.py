@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from ..frames import euler_from_rotation, rotation_from_euler
 from ..types import CameraMount
 from .mount_cues import MountCues, Walls
-from .mount_filter import SLOPE_SD_RAD, FilterState, MountFilter, slope_rows
+from .mount_filter import SLOPE_SD_RAD, FilterState, MountFilter, sd_along, slope_rows
 from .mount_params import MountCheckParams
 
 NS = 1_000_000_000
@@ -221,12 +221,11 @@ def _confirmations(
     """Returns the number of consecutive measurements that estimate an error.
 
     While the residual is large, the terrain is not a plane, and no measurement counts."""
-    error = mount.mean[:2]
-    size = float(math.hypot(error[0], error[1]))
+    size, sd = mount.error()
     keep = KEEP if state.verdict is MountVerdict.ERROR else 1.0
     if size < keep * math.radians(params.invalid_deg):
         return 0
-    if _sd_along(mount.P[:2, :2], error / size) > min(ERROR_SD_RAD, size / ERROR_SDS):
+    if sd > min(ERROR_SD_RAD, size / ERROR_SDS):
         return 0
     if cues.walls is Walls.LEANING:
         return min(CONFIRMATIONS, state.confirmations + WALL_CONFIRMATIONS)
@@ -252,9 +251,7 @@ def _verdict(
     now: MountVerdict, mount: MountFilter, cues: MountCues, rows: Floats, confirmations: int, params: MountCheckParams
 ) -> MountVerdict:
     """Returns the verdict of this measurement. confirmations: of `_confirmations`."""
-    error = mount.mean[:2]
-    size = float(math.hypot(error[0], error[1]))
-    sd = _sd_along(mount.P[:2, :2], error / size) if size > 0.0 else 0.0
+    size, sd = mount.error()
     degraded = math.radians(params.degraded_deg)
     if confirmations >= CONFIRMATIONS or (now is MountVerdict.ERROR and confirmations > 0):
         return MountVerdict.ERROR
@@ -262,7 +259,7 @@ def _verdict(
     steep = cues.slope_rad
     if steep > 0.0:
         B, along = rows[:, :3], slope / steep
-        most = abs(float(along @ B @ mount.mean[:3])) + VERIFIED_SDS * _sd_along(B @ mount.P[:3, :3] @ B.T, along)
+        most = abs(float(along @ B @ mount.mean[:3])) + VERIFIED_SDS * sd_along(B @ mount.P[:3, :3] @ B.T, along)
         known = most <= math.radians(params.unverified_deg)
         if steep >= math.radians(params.unverified_deg) and not known and cues.walls is not Walls.VERTICAL:
             return MountVerdict.UNVERIFIED_SLOPE
@@ -270,11 +267,6 @@ def _verdict(
         return MountVerdict.DEGRADED
     worst = math.sqrt(max(float(mount.P[0, 0]), float(mount.P[1, 1])))
     return MountVerdict.VERIFIED if worst <= DEGRADED_SD_RAD else MountVerdict.UNKNOWN
-
-
-def _sd_along(P: Floats, direction: Floats) -> float:
-    """Returns the standard deviation along a direction. P: covariance."""
-    return math.sqrt(max(0.0, float(direction @ P @ direction)))
 
 
 def rotation_about(x: float, y: float, z: float) -> Floats:

@@ -72,6 +72,11 @@ class MountFilter:
         """Returns the state from which the next frame continues."""
         return FilterState(tuple(self.mean.tolist()), tuple(self.P[_UPPER].tolist()))
 
+    def error(self) -> tuple[float, float]:
+        """Returns the size of the error in roll and pitch, rad, and its standard deviation in its direction, rad."""
+        size = math.hypot(self.mean[0], self.mean[1])
+        return size, sd_along(self.P[:2, :2], self.mean[:2] / size) if size > 0.0 else 0.0
+
     def predict(self, dt_s: float, terrain_walk_rad: float) -> None:
         """Adds the process noise of a time step."""
         dt = max(dt_s, 0.0)
@@ -124,6 +129,11 @@ class MountFilter:
         self.mean = self.mean + gain * (value - float(h @ self.mean))
         P = self.P - np.outer(gain, Ph)
         self.P = 0.5 * (P + P.T)
+
+
+def sd_along(P: Floats, direction: Floats) -> float:
+    """Returns the standard deviation along a direction. P: covariance."""
+    return math.sqrt(max(0.0, float(direction @ P @ direction)))
 
 
 def slope_rows(R_level_frd: Floats, heading_rad: float) -> Floats:
