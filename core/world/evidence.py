@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..jit import inner, record
-from .join_cost import along, box_of
+from .join_cost import axis_of, box_of
 
 STEP = record(
     ("hits", np.uint16),  # observations
@@ -53,7 +53,7 @@ def empty_steps(most_planes: int, longest_m: float) -> NDArray[Any]:
 @inner
 def steps_of(box, anchor_x, anchor_y):
     """Returns the Steps of a Box. anchor_x, anchor_y: of its plane."""
-    dx, dy, length = along(box)
+    dx, dy, length = axis_of(box)
     begin = (box.ax - anchor_x) * dx + (box.ay - anchor_y) * dy
     first = int(math.floor(begin / STEP_M + _EDGE))
     end = max(first + 1, int(math.ceil((begin + length) / STEP_M - _EDGE)))

@@ -78,7 +78,7 @@ def length_of(ends):
 
 
 @inner
-def along(ends):
+def axis_of(ends):
     """Returns (dx, dy, length) of a Box or a Joined: its direction from end a to end b, and its length, never 0."""
     length = length_of(ends)
     return (ends.bx - ends.ax) / length, (ends.by - ends.ay) / length, length
@@ -205,7 +205,7 @@ def reach_of(sigma):
 @inner
 def distance_of(found, box):
     """Returns the distance of the farther end of a box from a plane. found: Joined."""
-    dx, dy, _length = along(found)
+    dx, dy, _length = axis_of(found)
     return off_line(box, found.ax, found.ay, dx, dy)
 
 
@@ -217,7 +217,7 @@ def joined(a, b, m, sigma, rules):
     no = Joined(REFUSED, 0.0, 0.0, 0.0, 0.0, 0.0)
     if min(a.bottom, b.bottom) <= max(a.top, b.top) or max(a.bottom, b.bottom) - min(a.top, b.top) > TALLEST_M:
         return no
-    (uax, uay, la), (ubx, uby, lb) = along(a), along(b)
+    (uax, uay, la), (ubx, uby, lb) = axis_of(a), axis_of(b)
     facing = uax * ubx + uay * uby
     if facing <= 0.0 or (min(la, lb) > _SHORT_M and facing < _TURN_COS):
         return no
@@ -262,7 +262,7 @@ def ahead_of(found, box):
 
     The margin of a joined plane contains this distance of its parts, so that nothing that was observed lies in front of
     the plane and its margin. found: Joined; box: relative to the same anchor."""
-    dx, dy, _length = along(found)
+    dx, dy, _length = axis_of(found)
     nx, ny = -dy, dx  # to the right of a -> b
     return max(
         (box.ax - found.ax) * nx + (box.ay - found.ay) * ny,
@@ -276,7 +276,7 @@ def widened(found, box, x, y, most):
     `most` metres.
 
     A plane behind the box would hide less. found: Joined; box, x, y: relative to the same point."""
-    dx, dy, length = along(found)
+    dx, dy, length = axis_of(found)
     begin = min(0.0, hidden_end(found, box.ax, box.ay, x, y, most))
     end = max(length, hidden_end(found, box.bx, box.by, x, y, most))
     ax, ay, bx, by = found.ax + begin * dx, found.ay + begin * dy, found.ax + end * dx, found.ay + end * dy
@@ -287,7 +287,7 @@ def widened(found, box, x, y, most):
 def hidden_end(found, px, py, x, y, most):
     """Returns where the viewing ray of a point (px, py) meets the line of `found`, m from its end a along the line, but at
     most `most` from the foot of the point. (x, y): place of the camera."""
-    dx, dy, _length = along(found)
+    dx, dy, _length = axis_of(found)
     foot = (px - found.ax) * dx + (py - found.ay) * dy
     rx, ry = px - x, py - y
     across = rx * dy - ry * dx
