@@ -49,7 +49,7 @@ def _run_rare_kernels(depth: np.ndarray[tuple[int, int], np.dtype[np.uint16]], i
     smeared edges, pooling of columns."""
     from core.buffers import Buffers
     from core.params import Params
-    from core.self_check.depth_registration import depth_pyramid, rotation_between
+    from core.self_check.depth_registration import depth_pyramid, motion_between
     from core.self_check.surfaces import find_surfaces
     from core.stages.classify import depth_to_mm, pixel_limits
     from core.stages.noise_check import flying_off_ramps, noisy_share
@@ -71,7 +71,7 @@ def _run_rare_kernels(depth: np.ndarray[tuple[int, int], np.dtype[np.uint16]], i
     remove_smeared_edges(depth_mm, depth.copy(), ramp_limits(info, ke), heights, Buffers())
     pool_columns(np.zeros((2, 8), np.uint16), 2, 1, np.zeros((1, 8), np.uint16))
     pyramid = depth_pyramid(depth_mm, info)
-    rotation_between(pyramid, pyramid, np.eye(3))
+    motion_between(pyramid, pyramid, np.eye(3))
 
 
 def _run_world_kernels() -> None:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from core.frames import rotation_frd_optical, rotation_from_quaternion
-from core.self_check.depth_registration import Pyramid, depth_pyramid, rotation_between
+from core.self_check.depth_registration import Pyramid, depth_pyramid, motion_between
 from core.types import AttitudeSample, CameraInfo, DepthFrame
 from drivers.base import Event
 
@@ -138,11 +138,11 @@ class _Camera:
         if np.array_equal(a.pyramid.fine.cells, b.pyramid.fine.cells, equal_nan=True):
             return  # a frozen image
         guess = int(np.argmin(np.abs(LAGS_S - self._guess_s)))
-        found = rotation_between(a.pyramid, b.pyramid, np.ascontiguousarray(R_b_a[guess]))
-        if found is None:
+        motion = motion_between(a.pyramid, b.pyramid, np.ascontiguousarray(R_b_a[guess]))
+        if motion is None:
             return
-        self._measured.append(found[0])
-        self._sigma.append(found[1])
+        self._measured.append(motion.rotation_rad)
+        self._sigma.append(motion.rotation_sd_rad)
         self._predicted.append(predicted)
         self._fresh += 1
         if self.offset.state in (OffsetState.NO_ATTITUDE, OffsetState.NOT_ENOUGH_MOTION):

@@ -230,22 +230,6 @@ def depth_pyramid(depth_mm: NDArray[np.uint16], info: CameraInfo) -> Pyramid:
     return Pyramid(InverseDepthGrid(fine, (fx, fy, cx, cy), sigma), InverseDepthGrid(half, of_half, sigma))
 
 
-def rotation_between(first: Pyramid, second: Pyramid, R_second_first: Floats) -> tuple[Floats, Floats] | None:
-    """Returns the rotation vector of R_second_first (3,), and its standard deviation (3,), in rad in optical axes.
-
-    The standard deviation contains the depth noise only. The motion is measured in both directions and averaged: the
-    errors of interpolation depend on which image is interpolated, and would otherwise bias the result.
-
-    Args:
-        first, second: grids of the two images.
-        R_second_first: (3, 3) the guess.
-
-    Returns:
-        None if too little is measured in both images."""
-    motion = motion_between(first, second, R_second_first)
-    return None if motion is None else (motion.rotation_rad, motion.rotation_sd_rad)
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class Motion:
     """Motion p_second = R p_first + t in optical axes."""
@@ -266,8 +250,9 @@ def motion_between(
 ) -> Motion | None:
     """Returns the rigid motion between two images; None if too little is measured in both.
 
-    The prior of the translation is 0 with a standard deviation of TRANSLATION_PRIOR_M, whatever the guess: if the
-    scene does not determine the translation, the result is too short.
+    The motion is measured in both directions and averaged: the errors of interpolation depend on which image is
+    interpolated, and would otherwise bias the result. The prior of the translation is 0 with a standard deviation of
+    TRANSLATION_PRIOR_M, whatever the guess: if the scene does not determine the translation, the result is too short.
 
     Args:
         first, second: grids of the two images.

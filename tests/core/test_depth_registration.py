@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from core.frames import R_CAMFRD_OPTICAL, rotation_from_euler
-from core.self_check.depth_registration import depth_pyramid, rotation_between, rotation_vector
+from core.self_check.depth_registration import depth_pyramid, motion_between, rotation_vector
 from core.types import UNKNOWN_MM
 from drivers.simulation.sensor_model import TYPICAL
 from drivers.simulation.source import camera_info, render
@@ -61,23 +61,23 @@ def test_a_turn_is_measured_whether_the_camera_moves_or_not(
         frame=1,
     )
     guess = (rotation_from_euler(*(0.8 * a for a in turn_rad)) @ R_CAMFRD_OPTICAL).T @ R_CAMFRD_OPTICAL
-    found = rotation_between(depth_pyramid(first.depth_mm, INFO), depth_pyramid(second.depth_mm, INFO), guess)
+    found = motion_between(depth_pyramid(first.depth_mm, INFO), depth_pyramid(second.depth_mm, INFO), guess)
     assert found is not None
     truth = rotation_vector(second.R_ned_optical.T @ first.R_ned_optical)
-    np.testing.assert_allclose(found[0], truth, atol=0.003)
+    np.testing.assert_allclose(found.rotation_rad, truth, atol=0.003)
 
 
 def test_a_translation_is_not_taken_for_a_turn() -> None:
     first = render("street", INFO, position_ned_m=(0.0, 0.0, -2.0), sensor=TYPICAL, seed=1)
     second = render("street", INFO, position_ned_m=(0.2, 0.15, -2.0), sensor=TYPICAL, seed=1, frame=1)
-    found = rotation_between(depth_pyramid(first.depth_mm, INFO), depth_pyramid(second.depth_mm, INFO), np.eye(3))
+    found = motion_between(depth_pyramid(first.depth_mm, INFO), depth_pyramid(second.depth_mm, INFO), np.eye(3))
     assert found is not None
-    assert float(np.abs(found[0]).max()) < 0.004
+    assert float(np.abs(found.rotation_rad).max()) < 0.004
 
 
 def test_images_without_measurements_give_no_rotation() -> None:
     pyramid = depth_pyramid(np.full((240, 320), UNKNOWN_MM, np.uint16), INFO)
-    assert rotation_between(pyramid, pyramid, np.eye(3)) is None
+    assert motion_between(pyramid, pyramid, np.eye(3)) is None
 
 
 def test_the_heading_over_bare_ground_is_not_determined() -> None:
@@ -87,7 +87,7 @@ def test_the_heading_over_bare_ground_is_not_determined() -> None:
         z = 2.0 / (math.sin(0.6) + math.cos(0.6) * y)  # ground 2 m below, camera pitched 0.6 rad down
     depth = np.where((z > 0.3) & (z < 20.0), 1000.0 * z, UNKNOWN_MM).astype(np.uint16) * np.ones((1, 320), np.uint16)
     pyramid = depth_pyramid(depth, INFO)
-    found = rotation_between(pyramid, pyramid, np.eye(3))
+    found = motion_between(pyramid, pyramid, np.eye(3))
     assert found is not None
-    sigma = found[1]
+    sigma = found.rotation_sd_rad
     assert sigma[1] > 10.0 * sigma[0]
