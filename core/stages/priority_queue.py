@@ -97,7 +97,9 @@ def _fill_heap(queue):
         state.list += 1
         k = lists[state.list]
         lists[state.list] = -1
-    while k >= 0:
+    for _ in range(entries.shape[0]):
+        if k < 0:
+            break
         following = entries[k].after
         push(queue, k)
         k = following
