@@ -1,4 +1,4 @@
-"""Pixels of things in space that rendered stereo calls free or open, in random scenes that stereo measures badly (odd_things.py).
+"""Pixels of things in space that rendered stereo calls free or open, in random scenes that stereo measures badly (odd_scenes.py).
 
     python -m benchmarks.open_air.odd_claims --seeds 10
     python -m benchmarks.open_air.odd_claims --families strut,beam --first-seed 100 --seeds 20 --pictures bench-out/odd
@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.free_space.volume import SLACK_M, SLACK_SIGMAS
-from benchmarks.open_air.odd_things import FAMILIES, odd_scene
+from benchmarks.open_air.odd_scenes import FAMILIES, odd_scene
 from benchmarks.open_air.open_claims import as_free, marked, true_ke_per_m
 from benchmarks.open_air.view_options import words
 from benchmarks.open_air.views import profile_of
@@ -55,11 +55,13 @@ class OddView:
 def odd_view(family: str, seed: int, cameras: dict[str, StereoCamera], extractor: Extractor) -> OddView:
     """The view of a family and a seed; level in four of ten cases, else with pitch and roll of up to 8 degrees."""
     rng = np.random.Generator(np.random.PCG64([seed, list(FAMILIES).index(family), 11]))
-    scene, exposure, height_m = odd_scene(family, rng)
+    odd = odd_scene(family, rng)
+    scene, exposure = odd.scene, odd.exposure
     profile = PROFILES[int(rng.integers(len(PROFILES)))]
     pitch, roll = (0.0, 0.0) if rng.uniform() < 0.4 else rng.uniform(-8.0, 8.0, 2)
+    pitch = pitch if odd.pitch_deg is None else odd.pitch_deg
     attitude = math.radians(roll), math.radians(pitch), float(rng.uniform(-0.1, 0.1))
-    R, at = rotation_from_euler(*attitude) @ R_CAMFRD_OPTICAL, np.array([0.0, 0.0, -height_m])
+    R, at = rotation_from_euler(*attitude) @ R_CAMFRD_OPTICAL, np.array([0.0, 0.0, -odd.height_m])
     camera, R_level = cameras[profile], rotation_level_cam_optical(R)
     bright, info, state = camera.brightness(scene, R, at, seed), camera.profile.info(), ExtractorState()
     for number in range(2):
@@ -122,7 +124,7 @@ def draw(view: OddView, free: Mask, opened: Mask, folder: Path) -> None:
 def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     """The command line."""
     p = ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    p.add_argument("--families", type=words, default=list(FAMILIES), help="of odd_things.py")
+    p.add_argument("--families", type=words, default=list(FAMILIES), help="of odd_scenes.py")
     p.add_argument("--first-seed", type=int, default=0)
     p.add_argument("--seeds", type=int, default=10, help="scenes of each family")
     p.add_argument("--pictures", type=Path, help="folder for a picture of each view with wrong pixels")

@@ -1,70 +1,21 @@
-"""Random scenes of things that stereo measures badly, in 16 families from struts and nets to water, dusk and glare.
+"""Random things that stereo measures badly, in 16 families from struts and nets to water, dusk and glare.
 
-Each thing has a random size, place, inclination and brightness; the view has a random height, attitude, sky and noise."""
+Each thing has a random size, place, inclination and brightness; odd_scenes.py adds a random height, sky and noise."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
+from benchmarks.open_air.odd_draft import Draft
 from drivers.simulation.scenes import SceneBuilder
 from drivers.simulation.stereo.exposure import Exposure
 from drivers.simulation.stereo.pair_renderer import GlassPane
-from drivers.simulation.stereo.shading import Surfaces
 from drivers.simulation.stereo.sky import CLEAR, CLOUDED, FAINT_CLOUDS, HAZY, LOW_SUN, Sky
-from drivers.simulation.stereo.stereo_scenes import StereoScene, surfaces_of
-from drivers.simulation.stereo.textures import ASPHALT, BLANK_PAINT, GRASS, GRAVEL, Material
-
-Rng = np.random.Generator
-_GROUNDS = (GRASS, GRASS, ASPHALT, GRAVEL)
-
-
-@dataclass(slots=True)
-class Draft:
-    """What a scene is made of. height_m: of the camera above the ground; albedo: of the things by name."""
-
-    rng: Rng
-    height_m: float
-    builder: SceneBuilder
-    albedo: dict[str, float]
-    ground: Material
-    sky: Sky
-    exposure: Exposure
-    panes: tuple[GlassPane, ...] = ()
-
-    def between(self, low: float, high: float) -> float:
-        """A uniform number."""
-        return float(self.rng.uniform(low, high))
-
-    def log_between(self, low: float, high: float) -> float:
-        """A number whose logarithm is uniform."""
-        return math.exp(self.between(math.log(low), math.log(high)))
-
-    def paint(self, name: str) -> None:
-        """Gives a thing one random brightness without texture, in two of three cases."""
-        if self.between(0.0, 1.0) < 2.0 / 3.0:
-            self.albedo[name] = self.log_between(0.03, 1.0)
-
-    def beam(
-        self,
-        name: str,
-        middle: tuple[float, float],
-        above_m: float,
-        length_m: float,
-        angle_rad: float,
-        diameter_m: float,
-        turn_rad: float = 0.0,
-    ) -> None:
-        """A cylinder about a point `above_m` above the camera, inclined by angle_rad to the horizontal; turn_rad: out of the plane
-        across the view."""
-        x, y = middle
-        c, s, half = math.cos(angle_rad), math.sin(angle_rad), 0.5 * length_m
-        dx, dy = half * c * math.sin(turn_rad), half * c * math.cos(turn_rad)
-        z = -(self.height_m + above_m)
-        self.builder.cylinder(name, (x - dx, y - dy, z + half * s), (x + dx, y + dy, z - half * s), 0.5 * diameter_m)
+from drivers.simulation.stereo.textures import BLANK_PAINT
 
 
 def _strut(d: Draft) -> None:
@@ -329,38 +280,7 @@ def _water(d: Draft) -> None:
     )
 
 
-FAMILIES: dict[str, Callable[[Draft], None]] = {
+THINGS: dict[str, Callable[[Draft], None]] = {
     "strut": _strut, "guys": _guys, "crane": _crane, "pole": _pole, "net": _net, "banner": _banner, "snow": _snow, "drone": _drone,
     "beam": _beam, "slab": _slab, "blade": _blade, "rope": _rope, "dusk": _dusk, "glare": _glare, "glass": _glass, "water": _water,
 }  # fmt: skip
-
-
-def odd_scene(family: str, rng: Rng) -> tuple[StereoScene, Exposure, float]:
-    """A random scene of a family, the exposure, and the height of the camera above the ground."""
-    height_m = float(rng.choice([1.5, 2.0, 2.0, 3.0, 5.0, 8.0]))
-    builder = SceneBuilder(family)
-    builder.ground()
-    d = Draft(
-        rng=rng,
-        height_m=height_m,
-        builder=builder,
-        albedo={},
-        ground=_GROUNDS[int(rng.integers(len(_GROUNDS)))],
-        sky=(CLEAR, CLEAR, HAZY)[int(rng.integers(3))],
-        exposure=Exposure(noise_grey=float(rng.uniform(0.5, 2.0))),
-    )
-    FAMILIES[family](d)
-    made = surfaces_of(d.builder.build(), d.ground)
-    return StereoScene(name=family, surfaces=painted(made, d.albedo), sky=d.sky, panes=d.panes), d.exposure, height_m
-
-
-def painted(surfaces: Surfaces, albedo: dict[str, float]) -> Surfaces:
-    """The same with one brightness without texture for things by name."""
-    materials, material_of = list(surfaces.materials), np.array(surfaces.material_of)
-    for name, value in albedo.items():
-        mine = surfaces.scene.label == surfaces.scene.names.index(name) if name in surfaces.scene.names else None
-        if mine is None or not mine.any():
-            continue
-        material_of[mine] = len(materials)
-        materials.append(Material(albedo=value))
-    return Surfaces(scene=surfaces.scene, material_of=material_of, materials=tuple(materials))

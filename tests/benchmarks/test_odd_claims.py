@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from benchmarks.open_air.odd_claims import parse, thickness_px, wrong_pixels
-from benchmarks.open_air.odd_things import FAMILIES, odd_scene
+from benchmarks.open_air.odd_scenes import FAMILIES, odd_scene
 from core.extractor import Extractor
 from core.frames import R_CAMFRD_OPTICAL
 from core.params import Params
@@ -23,11 +23,11 @@ INFO = CameraInfo("front", Intrinsics(320, 240, 225.0, 225.0, 159.5, 119.5), max
 def test_each_family_stands_in_view_and_its_seed_repeats_it(family: str) -> None:
     seen = 0
     for seed in range(4):
-        scene, _, height_m = odd_scene(family, np.random.default_rng(seed))
-        again, _, _ = odd_scene(family, np.random.default_rng(seed))
-        assert np.array_equal(scene.scene.rows, again.scene.rows)
-        truth = look(scene.scene, INFO, R_CAMFRD_OPTICAL, np.array([0.0, 0.0, -height_m]))
-        seen += int((truth.label(scene.scene) >= 0).any())
+        odd = odd_scene(family, np.random.default_rng(seed))
+        again = odd_scene(family, np.random.default_rng(seed))
+        assert np.array_equal(odd.scene.scene.rows, again.scene.scene.rows)
+        truth = look(odd.scene.scene, INFO, R_CAMFRD_OPTICAL, np.array([0.0, 0.0, -odd.height_m]))
+        seen += int((truth.label(odd.scene.scene) >= 0).any())
     assert seen >= 3
 
 
