@@ -16,6 +16,8 @@ from numpy.typing import NDArray
 from core.types import BEYOND_MM, CONTINUED_MM, TEXTURED_MM, TEXTURELESS_MM, UNKNOWN_MM
 
 from .level_lines import level_lines
+from .match_confidence import BACKGROUND_PX
+from .sky_areas import ambiguous_sky
 
 Gray = NDArray[np.uint8]
 Image = NDArray[np.float32]
@@ -148,16 +150,23 @@ def judged(image: Gray, limits: SmoothLimits) -> Mask:
 def smooth(left: Gray, right: Gray, edge: Mask, limits: SmoothLimits) -> Mask:
     """(H, W) whether the left image is smooth, the right one has the same brightness, and both have about as many edges around. Both
     (H, W) uint8, rectified; edge: `edges` of the left one."""
+    return smooth_and_shifted(left, right, edge, limits)[0]
+
+
+def smooth_and_shifted(left: Gray, right: Gray, edge: Mask, limits: SmoothLimits) -> tuple[Mask, Mask]:
+    """(`smooth` (H, W), whether the left image is smooth and the right one has another brightness (H, W)). The second lies beside the
+    outline of a near thing: in the right image it lies to the left by its disparity."""
     even = ~edge & judged(left, limits) & judged(right, limits)
     if not even.any():
-        return even
+        return even, even
     more = edges(right, limits).astype(np.float32) - edge
     even &= np.abs(cv2.blur(more, _BLURRED_WINDOW)) <= _MOST_DIFFERENT
     mean_left, mean_right = (cv2.boxFilter(image, cv2.CV_32F, (7, 7)) for image in (left, right))
     difference = np.asarray(mean_left - mean_right, np.float32)
     if even.any():  # both imagers need not be equally bright
         difference -= np.float32(np.median(difference[even]))
-    return np.asarray(even & (np.abs(difference) <= limits.differ_grey))
+    same = np.abs(difference) <= limits.differ_grey
+    return np.asarray(even & same), np.asarray(even & ~same)
 
 
 def continued(matched: Mask, even: Mask, left: Gray, limits: SmoothLimits) -> Mask:
@@ -195,7 +204,9 @@ def mark_unmeasured(
     smooth ones that differ between the images, and level lines stay UNKNOWN_MM: these may be rods. The lower edge of the sky is no such
     line. disparity: (H, W) float32 px, negative: none."""
     matched, edge = disparity >= 0.0, edges(left, limits)
-    even = smooth(left, right, edge, limits) & ~matched
+    even, shifted = smooth_and_shifted(left, right, edge, limits)
+    even &= ~matched
+    even &= ~ambiguous_sky(even, shifted | (disparity >= BACKGROUND_PX), left, limits.slope_grey)
     marks = np.where(even, np.uint16(TEXTURELESS_MM), np.uint16(UNKNOWN_MM))
     marks[edge & judged(left, limits)] = TEXTURED_MM
     marks[continued(matched, even, left, limits)] = CONTINUED_MM

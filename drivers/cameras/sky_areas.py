@@ -1,0 +1,66 @@
+"""Smooth areas that cannot all be the sky. See docs/explanation/open-space.md.
+
+Sky and a blank thing that the upper border of the image cuts, as a slab or a balloon, both are smooth areas that reach that border, and
+both may end at the horizon. Where a near outline with a step of brightness separates two such areas, one of them is the thing. The images
+do not show which one, so that neither is taken for the sky."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+Gray = NDArray[np.uint8]
+Mask = NDArray[np.bool_]
+
+_BORDER_ROWS = 8
+"""An area that begins within so many rows of the upper border reaches it."""
+_LEAST_AREA_PX, _LEAST_OUTLINE_PX = 400, 24
+"""Pixels of an area, and pixels of the outline between two areas."""
+_OUTLINE_PX, _STEP_GREY = 48, 4.0
+"""Greatest width of an outline with its marks, pixels; and least step of brightness across it beyond the greatest slope of a sky."""
+_SAME_END, _BESIDE = 24, 4
+"""Two areas end at the same height where their lowest rows differ by at most the width of the image over the first number, looked for
+within its width over the second one."""
+
+
+def ambiguous_sky(even: Mask, near: Mask, left: Gray, slope_grey: float) -> Mask:
+    """(H, W) smooth pixels of areas that reach the upper border, of which one at least is no sky. even: (H, W) whether a pixel is smooth;
+    near: whether a pixel shows that something is near; left: (H, W) uint8; slope_grey: greatest change of grey per pixel of a sky."""
+    _, labels, stats, _ = cv2.connectedComponentsWithStats(even.view(np.uint8), connectivity=4)
+    reaches = (stats[:, cv2.CC_STAT_TOP] < _BORDER_ROWS) & (stats[:, cv2.CC_STAT_AREA] >= _LEAST_AREA_PX)
+    reaches[0] = False
+    pairs, counts = _separated(labels, reaches, near, left, slope_grey)
+    taken = np.zeros(len(stats), np.bool_)
+    for (a, b), count in zip(pairs, counts, strict=True):
+        if count >= _LEAST_OUTLINE_PX and (_ends_beside(labels, stats, a, b) or _ends_beside(labels, stats, b, a)):
+            taken[[a, b]] = True
+    return np.asarray(taken[labels])
+
+
+def _separated(
+    labels: NDArray[np.int32], reaches: Mask, near: Mask, left: Gray, slope_grey: float
+) -> tuple[NDArray[np.int32], NDArray[np.intp]]:
+    """(pairs of areas (N, 2), pixels of the near outline with a step of brightness between both (N,)). reaches: of each area."""
+    width = labels.shape[1]
+    columns = np.arange(width, dtype=np.int32)[None, :]
+    inside = reaches[labels]
+    before = np.maximum.accumulate(np.where(inside, columns, -1), axis=1)
+    after = np.minimum.accumulate(np.where(inside, columns, 2 * width)[:, ::-1], axis=1)[:, ::-1]
+    v, u = np.nonzero(near & (before >= 0) & (after - before <= _OUTLINE_PX))
+    one, other = before[v, u], after[v, u]
+    mean = cv2.boxFilter(left, cv2.CV_32F, (5, 5))
+    step = np.abs(mean[v, one] - mean[v, other]) > _STEP_GREY + slope_grey * (other - one)
+    found = np.stack([labels[v, one], labels[v, other]], axis=1)[step]
+    pairs, counts = np.unique(np.sort(found, axis=1), axis=0, return_counts=True)
+    return pairs, counts
+
+
+def _ends_beside(labels: NDArray[np.int32], stats: NDArray[np.int32], a: int, b: int) -> bool:
+    """Whether area a ends, at its lowest place, at the same height as area b beside it."""
+    width = labels.shape[1]
+    bottom = int(stats[a, cv2.CC_STAT_TOP] + stats[a, cv2.CC_STAT_HEIGHT]) - 1
+    u = int(np.argmax(labels[bottom] == a))
+    reach = width // _BESIDE
+    rows = np.flatnonzero((labels[:, max(0, u - reach) : u + reach + 1] == b).any(axis=1))
+    return len(rows) > 0 and abs(int(rows[-1]) - bottom) <= width // _SAME_END

@@ -1,0 +1,63 @@
+"""Blank things that the upper border of the image cuts and that end at the horizon: neither they nor the sky beside them are sky."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from core.types import TEXTURELESS_MM, UNKNOWN_MM
+from drivers.cameras.textureless import SmoothLimits, mark_unmeasured
+
+HEIGHT, WIDTH, HORIZON, NEAR_PX = 240, 400, 120, 8
+SKY_GREY, GROUND_GREY = 180.0, 80.0
+Gray = NDArray[np.uint8]
+Marks = NDArray[np.uint16]
+
+
+def eye(first: int, end: int, top: int, bottom: int, grey: float, shift: int, seed: int) -> Gray:
+    """Sky and ground, with one thing without texture: columns first..end and rows top..bottom, `shift` farther to the left."""
+    rng = np.random.default_rng(seed)
+    image = np.full((HEIGHT, WIDTH), SKY_GREY)
+    image[HORIZON:] = GROUND_GREY
+    image[top:bottom, max(0, first - shift) : end - shift] = grey
+    return np.asarray(np.clip(np.rint(image + rng.standard_normal(image.shape)), 0, 255), np.uint8)
+
+
+def marks_of(thing: tuple[int, int, int, int], grey: float, shift: int, matched: bool = False) -> Marks:
+    """The marks of an image with such a thing; matched: its upright outlines are."""
+    left, right = eye(*thing, grey, 0, 1), eye(*thing, grey, shift, 2)
+    disparity = np.full(left.shape, -1.0, np.float32)
+    first, end, top, bottom = thing
+    if matched:
+        for at in (first, end):
+            disparity[top:bottom, max(0, at - 2) : at + 2] = shift
+    return mark_unmeasured(np.full(left.shape, UNKNOWN_MM, np.uint16), disparity, left, right, SmoothLimits())
+
+
+def sky_share(marks: Marks, first: int, end: int) -> float:
+    """Share of textureless pixels in these columns above the horizon, without the rows at the borders."""
+    return float((marks[20 : HORIZON - 20, first:end] == TEXTURELESS_MM).mean())
+
+
+@pytest.mark.parametrize(("shift", "matched"), [(NEAR_PX, False), (NEAR_PX, True), (5, True)])
+@pytest.mark.parametrize("bottom", [HORIZON - 8, HORIZON, HORIZON + 8])
+def test_a_near_blank_slab_that_ends_at_the_horizon_is_no_sky(bottom: int, shift: int, matched: bool) -> None:
+    """30 degrees beside its measured upright edge such a face was open. Which of both areas is the thing is not known."""
+    marks = marks_of((200, WIDTH + 20, 0, bottom), 130.0, shift, matched)
+    assert sky_share(marks, 220, WIDTH - 20) == 0.0
+    assert sky_share(marks, 20, 180) == 0.0
+
+
+@pytest.mark.parametrize(
+    ("thing", "grey", "shift"),
+    [
+        ((200, WIDTH + 20, 0, 220), 130.0, NEAR_PX),
+        ((200, WIDTH + 20, 30, HORIZON), 130.0, NEAR_PX),
+        ((200, 212, 0, HORIZON), 60.0, NEAR_PX),
+        ((200, WIDTH + 20, 0, HORIZON), 130.0, 0),
+    ],
+    ids=["stands on the ground", "below the border", "pole", "far"],
+)
+def test_the_sky_stays_beside_other_things(thing: tuple[int, int, int, int], grey: float, shift: int) -> None:
+    assert sky_share(marks_of(thing, grey, shift), 20, 180) > 0.95
