@@ -37,20 +37,26 @@ _ROW_PX = 31
 
 def level_lines(image: Gray, length_px: int) -> Mask:
     """(H, W) whether an edge at least length_px long, inclined by at most 5 degrees, passes through a pixel. image: (H, W) uint8."""
+    return np.asarray(line_steps(image, length_px) != 0.0)
+
+
+def line_steps(image: Gray, length_px: int) -> Image:
+    """(H, W) float32 by how many grey levels such an edge gets brighter downwards over two rows; 0: there is none."""
     height, width = image.shape
     smooth = cv2.resize(
         np.asarray(image, np.float32), (max(1, width // _COARSE_PX), height), interpolation=cv2.INTER_AREA
     )
     down = cv2.filter2D(smooth, cv2.CV_32F, np.array([[-1.0], [0.0], [1.0]], np.float32))
-    found = np.zeros(down.shape, np.uint8)
+    found = np.zeros(down.shape, np.float32)
     for slope_deg in _SLOPES_DEG:
-        found |= _lines_of_slope(down, length_px // _COARSE_PX, _COARSE_PX * math.tan(math.radians(slope_deg)))
-    return np.asarray(cv2.resize(found, (width, height), interpolation=cv2.INTER_NEAREST), np.uint8).view(np.bool_)
+        steps = _steps_of_slope(down, length_px // _COARSE_PX, _COARSE_PX * math.tan(math.radians(slope_deg)))
+        found = np.where(np.abs(steps) > np.abs(found), steps, found)
+    return np.asarray(cv2.resize(found, (width, height), interpolation=cv2.INTER_NEAREST), np.float32)
 
 
-def _lines_of_slope(down: Image, length: int, slope: float) -> NDArray[np.uint8]:
-    """(H, W) 1 where a difference of grey over two rows (H, W) is coherent along lines of so many columns that fall by `slope` rows per
-    column."""
+def _steps_of_slope(down: Image, length: int, slope: float) -> Image:
+    """(H, W) mean of a difference of grey over two rows (H, W) along lines of so many columns that fall by `slope` rows per column; 0
+    where the difference is not coherent along them."""
     height, width = down.shape
     beyond = math.ceil(0.5 * abs(slope) * width)
     # moves each column so that these lines become rows
@@ -59,8 +65,9 @@ def _lines_of_slope(down: Image, length: int, slope: float) -> NDArray[np.uint8]
     rows = cv2.warpAffine(down, move, size, flags=flags, borderMode=cv2.BORDER_REPLICATE)
     along = max(1, length), 1
     mean, square = cv2.blur(rows, along), cv2.blur(rows * rows, along)
-    lines = ((np.abs(mean) >= _LEAST_GREY) & (mean * mean >= _COHERENCE * square)).view(np.uint8)
-    return np.asarray(cv2.warpAffine(lines, move, (width, height), flags=cv2.INTER_NEAREST), np.uint8)
+    lines = (np.abs(mean) >= _LEAST_GREY) & (mean * mean >= _COHERENCE * square)
+    steps = np.where(lines, mean, np.float32(0.0))
+    return np.asarray(cv2.warpAffine(steps, move, (width, height), flags=cv2.INTER_NEAREST), np.float32)
 
 
 def own_row_agrees(left: Gray, right: Gray, disparity: Image, correlation: float) -> Mask:

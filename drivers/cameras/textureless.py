@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from core.types import BEYOND_MM, CONTINUED_MM, TEXTURED_MM, TEXTURELESS_MM, UNKNOWN_MM
 
-from .level_lines import level_lines
+from .level_lines import line_steps
 from .match_confidence import BACKGROUND_PX
 from .sky_areas import ambiguous_sky
 
@@ -44,6 +44,9 @@ _LIKE_WINDOW, _LIKE_BELOW_PX, _LIKE_GAP_PX, _LIKE_ROWS = (41, 5), 6, 8, 90
 both, and greatest number of rows below the surface, pixels."""
 _EDGE_ROWS = 6
 """Rows below smooth pixels in which the lower edge of these lies: its marks begin 3 rows above it, and a lens blurs it."""
+_BRIGHTER_GREY, _BRIGHTER_SHARE = 8.0, 0.3
+"""An edge that gets brighter downwards by so much, and by such a share of the darkening within _EDGE_ROWS of it, is no edge of the
+sky. Sharpening makes such edges beside that of the sky: an unsharp mask that adds all of the difference 0.2 of it."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -187,13 +190,17 @@ def continued(matched: Mask, even: Mask, left: Gray, limits: SmoothLimits) -> Ma
     return found
 
 
-def apart_from(lines: Mask, smooth_above: Mask) -> Mask:
-    """(H, W) which pixels lie within one row of a level line that is not the lower edge of a smooth surface. lines, smooth_above: (H, W)
-    whether a pixel lies on a level line, is smooth."""
-    below = np.zeros((2 * _EDGE_ROWS + 1, 1), np.uint8)
-    below[: _EDGE_ROWS + 1] = 1
-    edge = cv2.dilate(smooth_above.view(np.uint8), below).view(np.bool_)
-    return np.asarray(cv2.dilate((lines & ~edge).view(np.uint8), np.ones((3, 1), np.uint8))).view(np.bool_)
+def apart_from(steps: NDArray[np.float32], smooth_above: Mask) -> Mask:
+    """(H, W) which pixels lie within one row of a level line that is not the lower edge of the sky, at which it gets darker downwards.
+    steps: `line_steps`; smooth_above: (H, W) whether a pixel is smooth."""
+    around = np.ones((2 * _EDGE_ROWS + 1, 1), np.uint8)
+    below = around.copy()
+    below[_EDGE_ROWS + 1 :] = 0
+    darkening = -np.asarray(cv2.erode(steps, around), np.float32)
+    brighter = steps > np.maximum(np.float32(_BRIGHTER_SHARE) * darkening, np.float32(_BRIGHTER_GREY))
+    edge = cv2.dilate(smooth_above.view(np.uint8), below).view(np.bool_) & ~brighter
+    lines = (steps != 0.0) & ~edge
+    return np.asarray(cv2.dilate(lines.view(np.uint8), np.ones((3, 1), np.uint8))).view(np.bool_)
 
 
 def mark_unmeasured(
@@ -210,7 +217,7 @@ def mark_unmeasured(
     marks = np.where(even, np.uint16(TEXTURELESS_MM), np.uint16(UNKNOWN_MM))
     marks[edge & judged(left, limits)] = TEXTURED_MM
     marks[continued(matched, even, left, limits)] = CONTINUED_MM
-    rods = apart_from(level_lines(left, limits.line_px), marks == TEXTURELESS_MM)
+    rods = apart_from(line_steps(left, limits.line_px), marks == TEXTURELESS_MM)
     marks[rods & (marks == TEXTURED_MM)] = UNKNOWN_MM
     marks[matched] = BEYOND_MM
     return np.where(depth_mm == UNKNOWN_MM, marks, depth_mm)

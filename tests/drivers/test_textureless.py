@@ -205,6 +205,34 @@ def test_a_level_line_below_the_horizon_is_unknown_and_the_horizon_is_not(
     assert (marks[ground] == TEXTURED_MM).mean() > 0.98
 
 
+def lower_edge_marks(rows_of_sky: int, sharpened: float = 0.0) -> NDArray[np.uint16]:
+    """The marks (rows above and below, columns) of a blank thing that ends so many rows above the horizon, in row 90, with a brighter
+    sky between both; 0: a sky that ends there. sharpened: how much an unsharp mask adds."""
+    image = np.full((HEIGHT, WIDTH), 170.0)
+    if rows_of_sky:
+        image[: 90 - rows_of_sky] = 130.0
+    image[90:] = 80.0
+    image += sharpened * (image - cv2.GaussianBlur(image, (0, 0), 1.0))
+    left, right = pair(image)
+    nothing = np.full((HEIGHT, WIDTH), -1.0, np.float32)
+    return mark_unmeasured(np.zeros((HEIGHT, WIDTH), np.uint16), nothing, left, right, LIMITS)[70:90, 20:-20]
+
+
+@pytest.mark.parametrize("rows_of_sky", [4, 8, 10])
+def test_a_lower_edge_with_brighter_sky_below_it_is_unknown(rows_of_sky: int) -> None:
+    """With 8 and 10 rows of sky the dark thing was taken for sky: its edge was the lower edge of smooth pixels, and the horizon that of the
+    smooth rows between both."""
+    marks = lower_edge_marks(rows_of_sky)
+    assert (marks == UNKNOWN_MM).any(axis=0).mean() > 0.95
+    assert (marks[:4] == TEXTURELESS_MM).mean() > 0.95
+
+
+@pytest.mark.parametrize("sharpened", [0.0, 0.5, 1.0])
+def test_the_edge_of_a_sky_is_marked_in_sharpened_images_too(sharpened: float) -> None:
+    marks = lower_edge_marks(0, sharpened)
+    assert (marks != UNKNOWN_MM).mean() > 0.98
+
+
 def test_what_is_matched_on_a_level_line_stays() -> None:
     left, right = horizon_and_rod(150.0)
     disparity = np.full((HEIGHT, WIDTH), -1.0, np.float32)
