@@ -30,7 +30,10 @@ def ambiguous_sky(even: Mask, near: Mask, left: Gray, slope_grey: float) -> Mask
     _, labels, stats, _ = cv2.connectedComponentsWithStats(even.view(np.uint8), connectivity=4)
     reaches = (stats[:, cv2.CC_STAT_TOP] < _BORDER_ROWS) & (stats[:, cv2.CC_STAT_AREA] >= _LEAST_AREA_PX)
     reaches[0] = False
-    pairs, counts = _separated(labels, reaches, near, left, slope_grey)
+    if not reaches.any():
+        return np.zeros_like(even)
+    end = int((stats[reaches, cv2.CC_STAT_TOP] + stats[reaches, cv2.CC_STAT_HEIGHT]).max())
+    pairs, counts = _separated(labels[:end], reaches, near[:end], left[:end], slope_grey)
     taken = np.zeros(len(stats), np.bool_)
     for (a, b), count in zip(pairs, counts, strict=True):
         if count >= _LEAST_OUTLINE_PX and (_ends_beside(labels, stats, a, b) or _ends_beside(labels, stats, b, a)):
@@ -43,12 +46,12 @@ def _separated(
 ) -> tuple[NDArray[np.int32], NDArray[np.intp]]:
     """(pairs of areas (N, 2), pixels of the near outline with a step of brightness between both (N,)). reaches: of each area."""
     width = labels.shape[1]
-    columns = np.arange(width, dtype=np.int32)[None, :]
+    columns = np.arange(width, dtype=np.int16)[None, :]
     inside = reaches[labels]
-    before = np.maximum.accumulate(np.where(inside, columns, -1), axis=1)
-    after = np.minimum.accumulate(np.where(inside, columns, 2 * width)[:, ::-1], axis=1)[:, ::-1]
+    before = np.maximum.accumulate(np.where(inside, columns, np.int16(-1)), axis=1)
+    after = np.minimum.accumulate(np.where(inside, columns, np.int16(2 * width))[:, ::-1], axis=1)[:, ::-1]
     v, u = np.nonzero(near & (before >= 0) & (after - before <= _OUTLINE_PX))
-    one, other = before[v, u], after[v, u]
+    one, other = before[v, u].astype(np.intp), after[v, u].astype(np.intp)
     mean = cv2.boxFilter(left, cv2.CV_32F, (5, 5))
     step = np.abs(mean[v, one] - mean[v, other]) > _STEP_GREY + slope_grey * (other - one)
     found = np.stack([labels[v, one], labels[v, other]], axis=1)[step]
