@@ -18,6 +18,7 @@ from core.types import BEYOND_MM, CONTINUED_MM, TEXTURED_MM, TEXTURELESS_MM, UNK
 from .level_lines import line_steps
 from .match_confidence import BACKGROUND_PX
 from .sky_areas import ambiguous_sky
+from .sky_edges import columns_with_near_edge
 
 Gray = NDArray[np.uint8]
 Image = NDArray[np.float32]
@@ -213,6 +214,7 @@ def mark_unmeasured(
     matched, edge = disparity >= 0.0, edges(left, limits)
     even, shifted = smooth_and_shifted(left, right, edge, limits)
     even &= ~matched
+    even[:, columns_with_near_edge(even, left, right)] = False
     even &= ~ambiguous_sky(even, shifted | (disparity >= BACKGROUND_PX), left, limits.slope_grey)
     marks = np.where(even, np.uint16(TEXTURELESS_MM), np.uint16(UNKNOWN_MM))
     marks[edge & judged(left, limits)] = TEXTURED_MM

@@ -1,0 +1,45 @@
+"""The lower edge of a near blank thing that is inclined in the image differs from that of the sky by its rows in both images."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from core.types import TEXTURELESS_MM
+from drivers.cameras.textureless import SmoothLimits, mark_unmeasured
+
+HEIGHT, WIDTH, MIDDLE = 240, 400, 120.0
+Gray = NDArray[np.uint8]
+
+
+def eye(slope_deg: float, lower_px: float, bright: float, seed: int) -> Gray:
+    """A smooth area before a darker one; their border is inclined and lies lower by so many pixels."""
+    rng = np.random.default_rng(seed)
+    border = MIDDLE + lower_px + np.tan(np.radians(slope_deg)) * (np.arange(WIDTH) - 0.5 * WIDTH)
+    above = np.clip(border - np.arange(HEIGHT)[:, None] + 0.5, 0.0, 1.0)
+    image = bright * (80.0 + 70.0 * above)
+    return np.asarray(np.clip(np.rint(image + rng.standard_normal(image.shape)), 0, 255), np.uint8)
+
+
+def sky_share(slope_deg: float, disparity_px: float, rows_apart: float = 0.0, bright: float = 1.0) -> float:
+    """Share of textureless pixels above the edge."""
+    lower_px = np.tan(np.radians(slope_deg)) * disparity_px + rows_apart
+    left, right = eye(slope_deg, 0.0, 1.0, 1), eye(slope_deg, lower_px, bright, 2)
+    nothing = np.full(left.shape, -1.0, np.float32)
+    marks = mark_unmeasured(np.zeros(left.shape, np.uint16), nothing, left, right, SmoothLimits())
+    return float((marks[10:70, 20:-20] == TEXTURELESS_MM).mean())
+
+
+@pytest.mark.parametrize("slope_deg", [-8.0, -3.0, 3.0, 8.0])
+@pytest.mark.parametrize("disparity_px", [6.0, 14.0])
+def test_an_area_above_a_near_inclined_edge_is_no_sky(slope_deg: float, disparity_px: float) -> None:
+    """A blank slab that filled the view of a rolled camera was open."""
+    assert sky_share(slope_deg, disparity_px) == 0.0
+
+
+@pytest.mark.parametrize("slope_deg", [-8.0, -3.0, -1.0, 0.0, 1.0, 3.0, 8.0])
+@pytest.mark.parametrize(("rows_apart", "bright"), [(0.0, 1.0), (0.1, 1.0), (-0.1, 1.0), (0.0, 1.03)])
+def test_the_sky_above_a_far_edge_stays(slope_deg: float, rows_apart: float, bright: float) -> None:
+    """Rows that differ by a tenth of a pixel and imagers that are not equally bright move no edge so far."""
+    assert sky_share(slope_deg, 0.0, rows_apart, bright) > 0.9
