@@ -62,6 +62,10 @@ class DiagnosticCode(Code):
     )
     NO_HEARTBEAT = "no_heartbeat", "no heartbeat of an autopilot is received"
     ATTITUDE_STALE = "attitude_stale", "the newest attitude is too old, or none was received"
+    ATTITUDE_REPEATED = (
+        "attitude_repeated",
+        "the autopilot's attitude repeats an earlier one with new timestamps; it is not used",
+    )
     ATTITUDE_RATE_LOW = "attitude_rate_low", "the attitude arrives too rarely"
     NO_TIMESYNC = "no_timesync", "the autopilot does not answer TIMESYNC"
     CLOCK_UNCERTAIN = "clock_uncertain", "the error bound of the autopilot's timestamps is large"

@@ -27,8 +27,8 @@ AGAIN_SECTORS = 3
 BORDER_DEG = 8.0
 """Sectors whose middle is farther inside a view are in it as a whole, also for a camera beside the middle of the vehicle. Of those
 at its border a part is not seen: to PX4 they are unknown, to ArduPilot open (docs/explanation/failsafe.md)."""
-NOT_NOTICED = "attitude repeated"
-"""The fault during which places are not judged: a wrong attitude with new stamps displaces everything (docs/reference/limits.md)."""
+DISPLACES = "attitude repeated"
+"""The fault that displaces everything until it is noticed: places are not judged for BLIND_NS from its begin."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,7 +61,7 @@ class Judge:
         whole_m = loop.field.nearest_m(state, 0.5 * STEP_DEG)
         agreeing = 0
         displaced = any(
-            f.name == NOT_NOTICED and f.begin_ns <= loop.flown_ns <= f.end_ns + BLIND_NS for f in self.faults
+            f.name == DISPLACES and f.begin_ns <= loop.flown_ns <= f.begin_ns + BLIND_NS for f in self.faults
         )
         for sector, value in enumerate(values):
             near_m = float(inner_m[sector])

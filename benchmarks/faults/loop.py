@@ -120,7 +120,6 @@ class FaultLoop:
         self._later: list[tuple[int, int, Callable[[], None]]] = []
         self._splitter, self._sent_splitter = MessageSplitter(), MessageSplitter()
         self._pack = dialect.MAVLink(None, 1, 1)
-        self._repeated: VehicleState | None = None
         self._attitude_bytes: dict[int, bytes] = {}
         self._images: list[deque[NDArray[np.uint16]]] = [deque(maxlen=16) for _ in self.cameras]
         self._repeating: list[list[NDArray[np.uint16]]] = [[] for _ in self.cameras]
@@ -191,9 +190,6 @@ class FaultLoop:
         before, self.switches = self.switches, switches_at(self.faults, self.flown_ns)
         if self.switches.repeats and not before.repeats:
             self._repeating = [list(images)[-self.switches.repeats :] for images in self._images]
-        self._repeated = (
-            (self._repeated or self.field.path.at(self.flown_ns / NS)) if self.switches.repeats_attitude else None
-        )
         while self._waiting and self._waiting[0].begin_ns <= self.flown_ns:
             fault = self._waiting.pop(0)
             if fault.event:
@@ -228,8 +224,7 @@ class FaultLoop:
         c, s = math.cos(e.heading_rad), math.sin(e.heading_rad)
         (x, y, z), (u, v, w) = true.position_ned_m, true.velocity_ned_m_s
         dx, dy, dz = e.shift_m
-        seen = self._repeated or true
-        roll, pitch, yaw = seen.euler_rad
+        roll, pitch, yaw = true.euler_rad
         euler = (roll + e.tilt_rad[0], pitch + e.tilt_rad[1], math.remainder(yaw + e.heading_rad, math.tau))
         if self.switches.not_a_number:
             euler = (math.nan, euler[1], euler[2])
@@ -237,13 +232,14 @@ class FaultLoop:
             position_ned_m=(c * x - s * y + dx, s * x + c * y + dy, z + dz),
             velocity_ned_m_s=(c * u - s * v, s * u + c * v, w),
             euler_rad=euler,
-            rates_frd_rad_s=seen.rates_frd_rad_s,
+            rates_frd_rad_s=true.rates_frd_rad_s,
         )
 
     def _autopilot_sends(self) -> None:
         s = self.switches
         if self.flown_ns >= self._silent_until_ns:
             self.autopilot.profile.hides_attitude = lambda _: s.hides_attitude
+            self.autopilot.profile.repeats_attitude = lambda _: s.repeats_attitude
             for data in self.autopilot.due(self.flown_ns):
                 self._send(data)
         if not s.second_system_id:
@@ -262,7 +258,7 @@ class FaultLoop:
         if number in (ATTITUDE, ATTITUDE_QUATERNION):
             if s.repeats_stamp:
                 data = self._attitude_bytes.get(number, data)
-            elif not s.not_a_number:
+            elif not s.not_a_number and not s.repeats_attitude:
                 measured_ns = self.flown_ns
                 self._attitude_bytes[number] = data
             if s.negates and number == ATTITUDE_QUATERNION and self._rng.random() < 0.5:

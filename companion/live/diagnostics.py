@@ -23,6 +23,11 @@ from .health import AutopilotView, CameraView
 
 NS = 1_000_000_000
 ATTITUDE_OLD_NS = NS // 2
+REPEATED_TEXT = (
+    "the autopilot's attitude repeats an earlier one with new timestamps and is not used: cameras are blind. The estimator of the "
+    "autopilot does not run (during its start and calibration this ends by itself), or a relay repeats messages: look at "
+    "the horizon in the ground station, reboot the autopilot, connect it without the relay"
+)
 MIN_ATTITUDE_HZ = 10.0
 """Below this rate the attitudes before and after an exposure are 0.1 s or more apart: interpolation is inaccurate in a
 turn, and with [sync] max_gap_s = 0.15 a frame is dropped as soon as one attitude is lost."""
@@ -80,7 +85,9 @@ def _autopilot_diagnostics(view: AutopilotView | None) -> list[Diagnostic]:
         if not signing and "system id" not in view.link.conflicts:
             found.append(of(DiagnosticCode.NO_HEARTBEAT, f"no heartbeat of an autopilot on {view.address}"))
         return found
-    if view.attitude_age_ns is None or view.attitude_age_ns > ATTITUDE_OLD_NS:
+    if view.link.attitude_repeated:
+        found.append(of(DiagnosticCode.ATTITUDE_REPEATED, REPEATED_TEXT))
+    elif view.attitude_age_ns is None or view.attitude_age_ns > ATTITUDE_OLD_NS:
         age = "was never received" if view.attitude_age_ns is None else f"is {view.attitude_age_ns / NS:.1f} s old"
         text = f"the attitude {age}: the autopilot does not send it or the link is interrupted"
         found.append(of(DiagnosticCode.ATTITUDE_STALE, text))

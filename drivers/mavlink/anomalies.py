@@ -15,6 +15,7 @@ class LinkAnomaly(Code):
     STAMP_BEHIND = "stamp_behind", "timestamp far behind the others"
     STAMP_AFTER_ARRIVAL = "stamp_after_arrival", "timestamp after its arrival"
     ATTITUDE_NON_FINITE = "attitude_non_finite", "attitude is not a number"
+    ATTITUDE_REPEATED = "attitude_repeated", "attitude of an earlier time with a new timestamp"
     POSITION_NON_FINITE = "position_non_finite", "position is not a number"
     ODOMETRY_UNUSABLE = "odometry_unusable", "odometry of another frame or failed"
     ODOMETRY_UNCONFIRMED = "odometry_unconfirmed", "odometry while no valid LOCAL_POSITION_NED is received"

@@ -14,6 +14,8 @@ from core.types import MAX_RATE_RAD_S, MAX_SPEED_M_S, AttitudeSample, PoseSample
 from .anomalies import LinkAnomaly
 from .clock_sync import NS, UNKNOWN_DELAY_NS, ClockEstimate, ClockFilter
 from .parser import Frame
+from .repeated_attitude import RepeatedAttitude
+from .session_types import ATTITUDE_ID, ATTITUDE_QUATERNION_ID
 
 MS = 1_000_000
 HALF_MS = 500_000
@@ -24,10 +26,13 @@ MAX_ANGLE_RAD = 2.0 * math.pi + 1e-3
 """Greatest angle of an attitude."""
 UNIX_NS = 10**17
 """Stamps beyond 3 years are no time since boot: some senders use unix time in time_usec."""
-ATTITUDE_ID = 30
-MOTION = frozenset({ATTITUDE_ID, 31, 32, 331})
+MOTION = frozenset({ATTITUDE_ID, ATTITUDE_QUATERNION_ID, 32, 331})
 """ATTITUDE, ATTITUDE_QUATERNION, LOCAL_POSITION_NED, ODOMETRY."""
-_FIELDS = {ATTITUDE_ID: struct.Struct("<I6f"), 31: struct.Struct("<I7f"), 32: struct.Struct("<I6f")}
+_FIELDS = {
+    ATTITUDE_ID: struct.Struct("<I6f"),
+    ATTITUDE_QUATERNION_ID: struct.Struct("<I7f"),
+    32: struct.Struct("<I6f"),
+}
 """time_boot_ms and the numbers of the messages that arrive a hundred times per second, as in the payload. Decoding by
 the dialect would take as long as all other steps of a sample together."""
 MOST_BETWEEN = 4
@@ -57,12 +62,15 @@ class MotionDecoder:
         self._odometry_ns: int | None = None
         self._local_ns: int | None = None
         self._locals_since = 0  # the newest ODOMETRY
+        self._repeats = {kind: RepeatedAttitude() for kind in (ATTITUDE_ID, ATTITUDE_QUATERNION_ID)}
+        self._repeated_ns: int | None = None  # arrival of the newest attitude that was refused as a repetition
         self.counts: Counter[LinkAnomaly] = Counter()
 
     def wants(self, message_id: int, arrival_ns: int) -> bool:
-        """True if such a message would be decoded now: it is of motion, and no better kind replaces it."""
+        """True if such a message would be decoded now: it is of motion, and no better kind replaces it, or the better kind
+        repeats itself: then it is examined whether this one does too."""
         if message_id == ATTITUDE_ID:
-            return not _recent(self._quaternion_ns, arrival_ns)
+            return not _recent(self._quaternion_ns, arrival_ns) or self.attitude_repeated(arrival_ns)
         return message_id in MOTION
 
     def decode(self, frame: Frame, arrival_ns: int) -> AttitudeSample | PoseSample | None:
@@ -95,13 +103,28 @@ class MotionDecoder:
         bound_ns = self._clock.estimate.bound_ns
         return UNKNOWN_DELAY_NS if bound_ns is None else max(1, bound_ns)
 
+    def _repeats_itself(self, kind: int, boot_ns: int, numbers: tuple[float, ...], arrival_ns: int) -> bool:
+        """Takes an attitude that is used otherwise; returns whether it must not be used because its kind repeats itself."""
+        repeated = self._repeats[kind].take(boot_ns, numbers[:-3], numbers[-3:])
+        if repeated:
+            self._repeated_ns = arrival_ns
+            self.counts[LinkAnomaly.ATTITUDE_REPEATED] += 1
+        return repeated
+
+    def attitude_repeated(self, now_ns: int) -> bool:
+        """Returns whether attitudes arrive that are refused because they repeat an earlier one."""
+        return _recent(self._repeated_ns, now_ns)
+
     def _attitude(self, time_boot_ms: int, numbers: tuple[float, ...], arrival_ns: int) -> AttitudeSample | None:
         angles = within(numbers[:3], MAX_ANGLE_RAD)
         if angles is None:
             self.counts[LinkAnomaly.ATTITUDE_NON_FINITE] += 1
             return None
-        t_ns = self._stamp(self._clock.boot_ns(time_boot_ms), HALF_MS, arrival_ns)
-        if t_ns is None or _recent(self._quaternion_ns, arrival_ns):
+        boot_ns = self._clock.boot_ns(time_boot_ms)
+        t_ns = self._stamp(boot_ns, HALF_MS, arrival_ns)
+        if t_ns is None or self._repeats_itself(ATTITUDE_ID, boot_ns, numbers, arrival_ns):
+            return None
+        if _recent(self._quaternion_ns, arrival_ns):
             return None
         q = quaternion_from_euler(*angles)
         return AttitudeSample(t_ns, arrival_ns, q, within(numbers[3:], MAX_RATE_RAD_S), self._stamp_error_ns())
@@ -114,8 +137,9 @@ class MotionDecoder:
         if not abs(norm - 1.0) < 0.05:  # also NaN
             self.counts[LinkAnomaly.ATTITUDE_NON_FINITE] += 1
             return None
-        t_ns = self._stamp(self._clock.boot_ns(time_boot_ms), HALF_MS, arrival_ns)
-        if t_ns is None:
+        boot_ns = self._clock.boot_ns(time_boot_ms)
+        t_ns = self._stamp(boot_ns, HALF_MS, arrival_ns)
+        if t_ns is None or self._repeats_itself(ATTITUDE_QUATERNION_ID, boot_ns, numbers, arrival_ns):
             return None
         self._quaternion_ns = arrival_ns
         q = (w / norm, x / norm, y / norm, z / norm)
@@ -196,6 +220,6 @@ def _odometry_velocity(m: Any) -> tuple[float, float, float] | None:
 
 _READERS = {
     ATTITUDE_ID: MotionDecoder._attitude,
-    31: MotionDecoder._attitude_quaternion,
+    ATTITUDE_QUATERNION_ID: MotionDecoder._attitude_quaternion,
     32: MotionDecoder._local_position,
 }

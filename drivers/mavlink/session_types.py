@@ -81,5 +81,7 @@ class LinkStatus:
     signing_fault: str = ""
     timesync_answered: bool = True
     """The autopilot's answers to TIMESYNC are used, or it is too early to tell."""
+    attitude_repeated: bool = False
+    """The autopilot's attitudes are refused, because they repeat an earlier one with new timestamps."""
     conflicts: dict[str, str] = field(default_factory=dict)
     """Topic -> what is wrong with others on the line, as text."""

@@ -7,8 +7,10 @@ TIMESYNC requests at 10 Hz; ArduPilot sends only heartbeats until streams are re
 
 from __future__ import annotations
 
+import random
 import struct
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 from ..mavlink.dialect import dialect
@@ -37,6 +39,8 @@ _LOOK_NS = 1_000_000
 """Time between two calls of `due` while a message is held back, because the attitude is hidden or the autopilot is silent."""
 
 
+_ANGLE_NOISE_RAD = 1e-5
+"""The angles of an estimator are never equal to those before: companions refuse repeated ones."""
 _SYS_STATUS, _PROXIMITY = 1, 1 << 26
 _VERSIONS = {PX4: (1, 16, 0), ARDUPILOT: (4, 6, 2)}
 _VERSION_REQUESTS = ((_REQUEST_MESSAGE, _AUTOPILOT_VERSION), (_REQUEST_CAPABILITIES, 1))
@@ -67,6 +71,7 @@ class SimulatedAutopilot:
         self._next_ns: dict[int, int] = {}
         self._flight = TimedFlight(self.profile.flight)
         self._moved: tuple[int | None, VehicleState] = (None, hovering(0))
+        self._estimated: VehicleState | None = None
         self._intervals: dict[int, float] = {}
         self._answers: list[bytes] = []
         self._mavlink = dialect.MAVLink(None, self.profile.system_id, self.profile.component_id)
@@ -261,12 +266,20 @@ class SimulatedAutopilot:
             self._moved = (now_ns, self.profile.motion(now_ns) if flight is None else flight.state())
         return self._moved[1]
 
+    def _estimate(self, now_ns: int) -> VehicleState:
+        """The state with the noise of an estimator in its angles, the same for all messages of an instant."""
+        if self._estimated is None or not self.profile.repeats_attitude(now_ns):
+            state, noise = self._state(now_ns), random.Random(now_ns)
+            roll, pitch, yaw = (a + noise.uniform(-_ANGLE_NOISE_RAD, _ANGLE_NOISE_RAD) for a in state.euler_rad)
+            self._estimated = replace(state, euler_rad=(roll, pitch, yaw))
+        return self._estimated
+
     def _attitude(self, now_ns: int) -> list[Any]:
-        m = self._state(now_ns)
+        m = self._estimate(now_ns)
         return [dialect.MAVLink_attitude_message(self._boot_ms(now_ns), *m.euler_rad, *m.rates_frd_rad_s)]
 
     def _attitude_quaternion(self, now_ns: int) -> list[Any]:
-        m = self._state(now_ns)
+        m = self._estimate(now_ns)
         boot_ms = self._boot_ms(now_ns)
         return [dialect.MAVLink_attitude_quaternion_message(boot_ms, *m.q_ned_frd_wxyz, *m.rates_frd_rad_s)]
 

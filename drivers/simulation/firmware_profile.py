@@ -38,6 +38,8 @@ class FirmwareProfile:
     custom_mode: int = 0
     motion: Callable[[int], VehicleState] = field(default=hovering)  # the vehicle at a local instant, ns
     hides_attitude: Callable[[int], bool] = field(default=never)  # whether the attitude is not sent at an instant, ns
+    # whether it sends its newest attitude again, with a new timestamp, at an instant, ns: its estimator does not run
+    repeats_attitude: Callable[[int], bool] = field(default=never)
     # it signs, and accepts only messages that are signed with it; a key of zeros: it signs and accepts everything, as
     # PX4 1.17 without a key
     key: bytes | None = None

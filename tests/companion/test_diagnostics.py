@@ -142,7 +142,9 @@ def test_doctor_names_what_sends_no_heartbeat(kind: str, remedy: str) -> None:
     assert remedy in finding.text
 
 
-def autopilot(clock: ClockEstimate, answered: bool = True, attitude_age_ns: int | None = 0) -> AutopilotView:
+def autopilot(
+    clock: ClockEstimate, answered: bool = True, attitude_age_ns: int | None = 0, repeated: bool = False
+) -> AutopilotView:
     link = LinkStatus(
         vehicle=Vehicle(1, "PX4", 2, True, 0, S),
         clock=clock,
@@ -152,6 +154,7 @@ def autopilot(clock: ClockEstimate, answered: bool = True, attitude_age_ns: int 
         received=1,
         counts={},
         timesync_answered=answered,
+        attitude_repeated=repeated,
     )
     line = LinkState(open=True, error="", warning="", losses=0, alive_ns=S)
     return AutopilotView(address="udpin:0.0.0.0:14540", line=line, link=link, attitude_age_ns=attitude_age_ns)
@@ -169,6 +172,13 @@ def test_an_attitude_that_is_old_or_never_came_is_named(age_ns: int | None, text
     message = autopilot_message(view)
     assert message.HasField("attitude_age_ns") is (age_ns is not None)
     assert message.attitude_age_ns == (age_ns or 0)
+
+
+@pytest.mark.parametrize(("repeated", "code"), [(True, "attitude_repeated"), (False, "attitude_stale")])
+def test_an_attitude_that_repeats_itself_is_not_called_one_that_is_missing(repeated: bool, code: str) -> None:
+    clock = ClockEstimate(ClockSource.TIMESYNC, bound_ns=800_000)
+    view = autopilot(clock, attitude_age_ns=9 * S, repeated=repeated)
+    assert [d.code.value for d in diagnostics_of([], view, None, "") if "attitude" in d.code.value] == [code]
 
 
 @pytest.mark.parametrize(

@@ -165,6 +165,10 @@ FAULTS: dict[str, tuple[Act, Act]] = {
     "the camera dies": (lambda f: setattr(f, "delivers", False), lambda f: setattr(f, "delivers", True)),
     "the image is frozen": (lambda f: setattr(f, "repeats", True), lambda f: setattr(f, "repeats", False)),
     "no attitude": (profile("hides_attitude", lambda _: True), profile("hides_attitude", lambda _: False)),
+    "an attitude is repeated": (
+        profile("repeats_attitude", lambda _: True),
+        profile("repeats_attitude", lambda _: False),
+    ),
     "an attitude of no numbers": (profile("motion", nan), profile("motion", hovering)),
     "the autopilot's clock starts anew and stands": (profile("drift", -1.0), profile("drift", 0.0)),
 }

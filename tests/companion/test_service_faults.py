@@ -54,6 +54,10 @@ def loses_attitude(autopilot: SimulatedAutopilot) -> None:
     autopilot.profile.hides_attitude = lambda _: True
 
 
+def repeats_attitude(autopilot: SimulatedAutopilot) -> None:
+    autopilot.profile.repeats_attitude = lambda _: True
+
+
 def sends_nan(autopilot: SimulatedAutopilot) -> None:
     motion = autopilot.profile.motion
     autopilot.profile.motion = lambda t_ns: nan(motion(t_ns))
@@ -65,7 +69,7 @@ def test_noise_on_the_line_does_not_keep_obstacles_from_the_autopilot(avoiding: 
     assert avoiding.health.since(0)[-1].autopilot.counts["noise_bytes"] > 0
 
 
-@pytest.mark.parametrize("fault", [loses_attitude, sends_nan])
+@pytest.mark.parametrize("fault", [loses_attitude, repeats_attitude, sends_nan])
 def test_without_an_attitude_that_is_one_nothing_is_clear(avoiding: AvoidingService, fault: object) -> None:
     """The heading is carried on for 0.3 s; what comes late on the line may be a second old."""
     assert until(avoiding.has_obstacles)
@@ -83,7 +87,10 @@ def test_without_an_attitude_that_is_one_nothing_is_clear(avoiding: AvoidingServ
         assert late
         assert [values for _, values in late if not set(values) <= allowed] == []
         assert until(lambda: any(t.startswith("OA: front blind: ") for t in avoiding.texts()))
+        codes = {d.code for d in avoiding.health.since(0)[-1].diagnostics}
+        assert ("attitude_repeated" in codes) is (fault is repeats_attitude)
     finally:
+        avoiding.line.change(lambda a: setattr(a.profile, "repeats_attitude", lambda _: False))
         avoiding.line.change(lambda a: setattr(a.profile, "hides_attitude", before[0]))
         avoiding.line.change(lambda a: setattr(a.profile, "motion", before[1]))
     assert until(avoiding.has_obstacles)

@@ -890,9 +890,10 @@ def test_the_stated_rate_is_that_of_the_attitudes_that_are_used() -> None:
     session.receive([(heartbeat, 10 * NS)])
     for k in range(250):
         now_ns = 10 * NS + k * NS // 50
-        chunk = bytes(dialect.MAVLink_attitude_message(k * 20, 0, 0, 0, 0, 0, 0).pack(encoder))
+        chunk = bytes(dialect.MAVLink_attitude_message(k * 20, 1e-4 * k, 0, 0, 0, 0, 0).pack(encoder))
         if k % 12 == 0 and k < 200:
-            chunk += bytes(dialect.MAVLink_attitude_quaternion_message(k * 20, 1, 0, 0, 0, 0, 0, 0).pack(encoder))
+            better = dialect.MAVLink_attitude_quaternion_message(k * 20, 1, 1e-4 * k, 0, 0, 0, 0, 0)
+            chunk += bytes(better.pack(encoder))
         session.receive([(chunk, now_ns)])
         if k == 199:
             assert session.status(now_ns).attitude_hz < 5.0

@@ -1125,6 +1125,7 @@ class Diagnostic(_message.Message):
         CODE_CLOCK_UNCERTAIN: _ClassVar[Diagnostic.Code]
         CODE_NEVER_CLEAR: _ClassVar[Diagnostic.Code]
         CODE_CAMERA_MISALIGNED: _ClassVar[Diagnostic.Code]
+        CODE_ATTITUDE_REPEATED: _ClassVar[Diagnostic.Code]
     CODE_UNKNOWN: Diagnostic.Code
     CODE_STARTING: Diagnostic.Code
     CODE_THREAD_STALLED: Diagnostic.Code
@@ -1190,6 +1191,7 @@ class Diagnostic(_message.Message):
     CODE_CLOCK_UNCERTAIN: Diagnostic.Code
     CODE_NEVER_CLEAR: Diagnostic.Code
     CODE_CAMERA_MISALIGNED: Diagnostic.Code
+    CODE_ATTITUDE_REPEATED: Diagnostic.Code
     CODE_FIELD_NUMBER: _ClassVar[int]
     CAMERA_FIELD_NUMBER: _ClassVar[int]
     TEXT_FIELD_NUMBER: _ClassVar[int]
