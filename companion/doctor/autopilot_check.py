@@ -26,7 +26,13 @@ from ..config.loader import Config
 from ..diagnostic import DiagnosticCode
 from ..guard.heading_advice import heading_advice, look_all_around
 from ..guard.stop_advice import stop_advice
-from ..live.diagnostics import MIN_ATTITUDE_HZ, MIN_RATE_SHARE, attitude_rate_low, clock_uncertain_text
+from ..live.diagnostics import (
+    MIN_ATTITUDE_HZ,
+    MIN_RATE_SHARE,
+    REPEATED_TEXT,
+    attitude_rate_low,
+    clock_uncertain_text,
+)
 from ..paths import FolderError, folders
 from .finding import Finding
 from .wait import wait_until
@@ -188,6 +194,8 @@ def link_findings(config: Config, link: MavlinkLink, status: LinkStatus) -> Iter
 
 
 def _attitude_finding(status: LinkStatus, requested_hz: float) -> Finding:
+    if status.attitude_repeated:
+        return Finding("attitude", False, REPEATED_TEXT, DiagnosticCode.ATTITUDE_REPEATED)
     if 0.0 < status.attitude_hz < MIN_ATTITUDE_HZ:
         low = attitude_rate_low(status.attitude_hz, requested_hz)
         return Finding("attitude", False, low.line(), low.code)

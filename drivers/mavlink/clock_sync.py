@@ -34,6 +34,9 @@ ahead of them by more contradicts the estimate."""
 KNOWN_SECONDS = 2
 """Arrivals of so many whole seconds are collected before the fastest of them count: the first ones may be delayed by more.
 Of each second the fastest one is kept, and one second alone does not count: its stamp may be wrong."""
+UNANSWERED_NS = 10 * NS
+"""Stamps are used without an answer to TIMESYNC when messages have arrived for this time: a line may be as late, and the first
+answer under way."""
 ANSWERS_NS = 2 * NS
 """Answers come twice a second. After a longer time without one the estimate is made again at arrivals."""
 
@@ -112,6 +115,7 @@ class ClockFilter:
         self._undoubted_ns = 0  # bound of the estimate by the answers that fit
         self._arrivals: deque[_Bound] = deque()
         self._newest_boot_ns: int | None = None
+        self._began_ns = 0  # boot time of the first arrival, since the start or a silence of more than window_s
         self._second_ns = 0  # boot time at which the newest second of arrivals begins
         self._accepted_ns: int | None = None
         self._refused: list[_Bound] = []  # in a row
@@ -173,6 +177,8 @@ class ClockFilter:
             self._second_ns = boot_ns
         self._arrivals.append(_Bound(boot_ns, None, high))
         self._trim(self._arrivals, boot_ns)
+        if len(self._arrivals) == 1 and self._second_ns == boot_ns:
+            self._began_ns = boot_ns
         self._estimate_at_arrival(boot_ns, arrival_ns)
         return True
 
@@ -238,13 +244,15 @@ class ClockFilter:
 
     @property
     def usable(self) -> bool:
-        """Whether stamps may be used: the clock is synchronised, or the arrivals of KNOWN_SECONDS are known, after which
-        those of a further second have begun. A slow answer shows that all arrivals may be delayed by more than
+        """Whether stamps may be used: the clock is synchronised, or no answer has come for UNANSWERED_NS and the arrivals of
+        KNOWN_SECONDS are known, after which those of a further second have begun. A slow answer shows that all arrivals may be delayed by more than
         UNKNOWN_DELAY_NS: they are not used until the clock is synchronised, or no answer was slow for window_s."""
         source = self.estimate.source
         if source is ClockSource.TIMESYNC:
             return True
-        return source is ClockSource.ENVELOPE and len(self._arrivals) > KNOWN_SECONDS and self._slow_answer_ns is None
+        if source is not ClockSource.ENVELOPE or self._slow_answer_ns is not None or self._newest_boot_ns is None:
+            return False
+        return len(self._arrivals) > KNOWN_SECONDS and self._newest_boot_ns - self._began_ns >= UNANSWERED_NS
 
     @property
     def doubted(self) -> bool:

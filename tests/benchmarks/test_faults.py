@@ -51,10 +51,12 @@ def test_random_faults_are_never_sent_as_clear(seed: int) -> None:
     assert judge.clear > 100
 
 
-@pytest.mark.parametrize("delay_s", [0.3, 0.7])
+@pytest.mark.parametrize("delay_s", [0.3, 0.7, 2.5, 9.0])
 def test_a_line_that_is_late_from_the_start_is_never_sent_as_clear(delay_s: float) -> None:
-    """Answers to TIMESYNC after more than 0.5 s were not used, and attitudes of 0.7 s before counted as 30 ms old."""
-    judge = flown(PX4, [fault("late", 0.0, 100.0, delay_ns=round(delay_s * NS))], 5.0, seed=5)
+    """Answers to TIMESYNC after more than 0.5 s were not used, and attitudes of 0.7 s before counted as 30 ms old; also those of
+    2.5 s before, until the first answer came."""
+    seconds = 4.0 + 2.5 * delay_s
+    judge = flown(PX4, [fault("late", 0.0, 100.0, delay_ns=round(delay_s * NS))], seconds, seed=5)
     assert judge.violations == []
     assert judge.clear == 0
 

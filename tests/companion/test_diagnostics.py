@@ -111,24 +111,36 @@ def test_a_camera_that_does_not_run_has_no_low_rate() -> None:
         assert simulated.check(at_rate(2.0), second * S) == []
 
 
-def test_doctor_names_a_low_rate_of_the_attitude() -> None:
+def found_by_doctor(clock: ClockEstimate, attitude_hz: float = 100.0, repeated: bool = False) -> dict[str, Any]:
+    """Findings by their part."""
     vehicle = SimpleNamespace(autopilot="PX4", system_id=1, armed=False)
-    clock = ClockEstimate(ClockSource.TIMESYNC)
-    status = SimpleNamespace(vehicle=vehicle, attitude_hz=2.0, position_hz=1.0, received=9, clock=clock)
+    status = SimpleNamespace(
+        vehicle=vehicle,
+        attitude_hz=attitude_hz,
+        position_hz=1.0,
+        received=9,
+        clock=clock,
+        attitude_repeated=repeated,
+    )
     link = SimpleNamespace(state=SimpleNamespace(error="", open=True))
-    findings = {f.part: f for f in link_findings(Config(), cast(Any, link), cast(Any, status))}
-    assert not findings["attitude"].ok
-    assert findings["attitude"].text.startswith("attitude_rate_low: attitude arrives at 2.0 Hz")
+    return {f.part: f for f in link_findings(Config(), cast(Any, link), cast(Any, status))}
+
+
+def test_doctor_names_a_low_rate_of_the_attitude() -> None:
+    finding = found_by_doctor(ClockEstimate(ClockSource.TIMESYNC), 2.0)["attitude"]
+    assert not finding.ok
+    assert finding.text.startswith("attitude_rate_low: attitude arrives at 2.0 Hz")
+
+
+def test_doctor_names_an_attitude_that_repeats_itself() -> None:
+    finding = found_by_doctor(ClockEstimate(ClockSource.TIMESYNC), repeated=True)["attitude"]
+    assert (finding.ok, finding.code) == (False, DiagnosticCode.ATTITUDE_REPEATED)
 
 
 def test_doctor_names_an_uncertain_clock() -> None:
-    vehicle = SimpleNamespace(autopilot="PX4", system_id=1, armed=False)
-    clock = ClockEstimate(ClockSource.TIMESYNC, bound_ns=54_500_000)
-    status = SimpleNamespace(vehicle=vehicle, attitude_hz=100.0, position_hz=30.0, received=9, clock=clock)
-    link = SimpleNamespace(state=SimpleNamespace(error="", open=True))
-    findings = {f.part: f for f in link_findings(Config(), cast(Any, link), cast(Any, status))}
-    assert (findings["clock"].ok, findings["clock"].code) == (False, DiagnosticCode.CLOCK_UNCERTAIN)
-    assert "921600 baud" in findings["clock"].text
+    finding = found_by_doctor(ClockEstimate(ClockSource.TIMESYNC, bound_ns=54_500_000))["clock"]
+    assert (finding.ok, finding.code) == (False, DiagnosticCode.CLOCK_UNCERTAIN)
+    assert "921600 baud" in finding.text
 
 
 @pytest.mark.parametrize(

@@ -158,11 +158,11 @@ def test_without_answers_a_line_that_becomes_faster_is_no_restart(hz: int, delay
     """As after the parameters were sent. Before, all was discarded: no stamp was used for 2.5 to 3.5 s, a restart of the
     autopilot's clock was counted, and rates were requested again."""
     clock, slow = ClockFilter(), Link(drift=0.0, least_delay_ns=delay_ns, jitter_ns=MS)
-    for k in range(8 * hz):
+    for k in range(12 * hz):
         slow.attitude(clock, k * NS // hz)
     assert clock.usable
     fast, refused = Link(drift=0.0, least_delay_ns=5 * MS, jitter_ns=MS, seed=1), 0
-    for k in range(8 * hz, 16 * hz):
+    for k in range(12 * hz, 20 * hz):
         now_ns = k * NS // hz + delay_ns
         used = clock.arrival(fast.boot(now_ns) // MS * MS, now_ns + fast.delay())
         assert clock.usable
@@ -248,7 +248,7 @@ def test_no_stamp_is_used_before_the_fastest_arrivals_are_known(case: str, seed:
     elif case == "an answer first":
         link.exchange(clock, -100 * MS)
     used = 0
-    for k in range(500):
+    for k in range(1400):
         now_ns = begin_ns + k * 10 * MS
         link.attitude(clock, now_ns)
         if k >= 20 and k % 10 == 0 and not case.endswith("no answers"):
@@ -262,16 +262,16 @@ def test_no_stamp_is_used_before_the_fastest_arrivals_are_known(case: str, seed:
 
 
 @pytest.mark.parametrize("drift", [150e-6, -150e-6])
-def test_without_answers_stamps_of_a_line_without_jitter_are_used_after_two_seconds(drift: float) -> None:
+def test_without_answers_stamps_of_a_line_without_jitter_are_used_after_ten_seconds(drift: float) -> None:
     """Each arrival of a fast clock is a little faster than all before."""
     clock, link = ClockFilter(), Link(drift=drift, jitter_ns=0)
     usable = []
-    for k in range(300):
+    for k in range(1100):
         now_ns = k * 10 * MS
         clock.arrival(link.boot(now_ns), now_ns + MS)
         usable.append(clock.usable)
-    assert 200 <= usable.index(True) <= 202
-    assert all(usable[202:])
+    assert 1000 <= usable.index(True) <= 1002
+    assert all(usable[1002:])
 
 
 def test_a_message_a_second_late_is_no_reboot() -> None:
