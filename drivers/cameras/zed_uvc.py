@@ -8,6 +8,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -17,7 +18,7 @@ from core.types import CameraInfo, DepthFrame
 
 from ..base import BadData, DeviceLost, DeviceNotFound
 from .kernel_stamps import KernelStamps
-from .pair_video import DeviceVideo, FileVideo, PairVideo, StampedImage, pair_format
+from .pair_video import DeviceVideo, FileVideo, PairVideo, pair_format
 from .row_alignment import RowAlignment
 from .stereo import MatchParams, StereoDepth
 from .stereo_errors import bias_coefficient, noise_coefficient
@@ -59,6 +60,14 @@ def open_video(settings: ZedSettings) -> PairVideo:
     return DeviceVideo(pair_format(settings.camera, settings.device, (settings.width, settings.height), settings.fps))
 
 
+class _Arrived(NamedTuple):
+    """An image of both eyes, its stamp, and when it was read, before anything was computed from it; ns on CLOCK_MONOTONIC."""
+
+    image: NDArray[np.uint8]  # (H, W, 3)
+    stamp_ns: int
+    arrival_ns: int
+
+
 class ZedSource:
     """A DepthSource. `connect` opens the video; tests pass a file or a device of their own."""
 
@@ -72,7 +81,7 @@ class ZedSource:
         self._video: PairVideo | None = None
         self._stereo: StereoDepth | None = None
         self._sequence = 0
-        self._first: StampedImage | None = None
+        self._first: _Arrived | None = None
         self._stamps = KernelStamps(settings.camera)
         self._torn = TornImageCheck(settings.camera)
         self._rows = self._alignment()
@@ -112,7 +121,7 @@ class ZedSource:
             measured = True
             while measured and not self._rows.settled:
                 self._first = self._awaited_image()
-                measured = self._check(self._first[0])
+                measured = self._check(self._first.image)
             self._rows.opened(self._stereo.intrinsics)
         except (DeviceNotFound, DeviceLost, BadData):
             self.close()
@@ -133,17 +142,16 @@ class ZedSource:
             if taken is None:
                 return None
             if self._rows.due:
-                self._check(taken[0])
-        image, stamp_ns = taken
+                self._check(taken.image)
         assert self._stereo is not None
-        left, right = halves(image)
+        left, right = halves(taken.image)
         depth = self._stereo.depth(left, right)
         self._sequence += 1
         return DepthFrame(
             camera=s.camera,
             sequence=self._sequence,
-            t_exposure_ns=stamp_ns - round(s.exposure_latency_s * 1e9),
-            t_arrival_ns=time.monotonic_ns(),
+            t_exposure_ns=taken.stamp_ns - round(s.exposure_latency_s * 1e9),
+            t_arrival_ns=taken.arrival_ns,
             depth_mm=depth,
         )
 
@@ -154,7 +162,7 @@ class ZedSource:
             s.camera, f"{s.calibration} belongs to another camera, or this camera was bent", corrects=True
         )
 
-    def _awaited_image(self) -> StampedImage:
+    def _awaited_image(self) -> _Arrived:
         """The next image of the opening. Raises DeviceLost after FIRST_IMAGE_S, and BadData."""
         until_s = time.monotonic() + FIRST_IMAGE_S
         while (left_s := until_s - time.monotonic()) > 0.0:
@@ -165,7 +173,7 @@ class ZedSource:
             "plug the camera in again"
         )
 
-    def _image(self, timeout_s: float) -> StampedImage | None:
+    def _image(self, timeout_s: float) -> _Arrived | None:
         """The newest image; None after timeout_s, and for a torn one. Raises DeviceLost and BadData."""
         s = self._settings
         if self._video is None:
@@ -173,16 +181,16 @@ class ZedSource:
         taken = self._video.read(timeout_s)
         if taken is None:
             return None
-        image, stamp_ns = taken
+        (image, stamp_ns), arrival_ns = taken, time.monotonic_ns()
         if image.shape[:2] != (s.height, 2 * s.width):
             raise BadData(
                 f"camera {s.camera}: images of {image.shape[1]}x{image.shape[0]}, expected {2 * s.width}x{s.height} "
                 "(both eyes side by side); set width_px and height_px to the camera's format"
             )
         if not s.is_device:  # a file has no buffers that are filled again
-            return taken
-        stamp_ns = self._stamps.accepted_ns(stamp_ns, time.monotonic_ns())
-        return None if self._torn.is_torn(image) else (image, stamp_ns)
+            return _Arrived(image, stamp_ns, arrival_ns)
+        stamp_ns = self._stamps.accepted_ns(stamp_ns, arrival_ns)
+        return None if self._torn.is_torn(image) else _Arrived(image, stamp_ns, arrival_ns)
 
     def _check(self, image: NDArray[np.uint8]) -> bool:
         """Checks the calibration and aligns the rows; returns whether these could be measured. Raises BadData."""

@@ -487,6 +487,27 @@ def test_a_camera_that_was_bent_after_its_opening_is_reported(monkeypatch: pytes
         source.read(1.0)
 
 
+def test_the_arrival_of_a_frame_is_that_of_its_image(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It was the end of the matching, tens of milliseconds later: a negative exposure_offset_ms could move the exposure there."""
+    begun_ns: list[int] = []
+    depth = StereoDepth.depth
+
+    def noted(stereo: StereoDepth, left: np.ndarray, right: np.ndarray) -> np.ndarray:
+        begun_ns.append(time.monotonic_ns())
+        return depth(stereo, left, right)
+
+    monkeypatch.setattr(StereoDepth, "depth", noted)
+    source = ZedSource(SETTINGS, after_opening(side_by_side()), CALIBRATION)
+    source.open()
+    for _ in range(2):
+        asked_ns = time.monotonic_ns()
+        frame = source.read(1.0)
+        assert frame is not None
+        assert frame.t_exposure_ns <= frame.t_arrival_ns <= begun_ns[-1]
+    assert frame.t_arrival_ns >= asked_ns
+    source.close()
+
+
 def test_a_video_file_as_the_device(tmp_path: Path) -> None:
     path = tmp_path / "pair.avi"
     writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"MJPG"), 30.0, (1344, 376))
