@@ -39,6 +39,11 @@ class DepthSource(Protocol):
         """What the user has to know about the opened camera: what was observed and what to do; empty: nothing."""
         ...
 
+    @property
+    def identity(self) -> str:
+        """Which device was opened, for people and for comparison with the next opening; empty: not known."""
+        ...
+
     def open(self) -> None:
         """Opens the camera. Raises DriverError."""
         ...

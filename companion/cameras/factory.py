@@ -88,6 +88,7 @@ def _v4l2(section: CameraConfig) -> DepthSource:
             camera=section.name,
             device=section.device,
             intrinsics=Intrinsics(section.width_px, section.height_px, fx, fy, cx, cy),
+            serial=section.serial,
             fps=section.fps,
             depth_unit_mm=section.depth_unit_mm,
             exposure_latency_s=section.exposure_latency_s,

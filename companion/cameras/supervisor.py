@@ -75,6 +75,7 @@ class CameraSupervisor:
         self._process: subprocess.Popen[bytes] | None = None
         self._frozen_detector = FrozenFrameDetector(self._params.frozen_frames, least_share)
         self._stalled_ns = 0
+        self._identity = ""  # of the camera that was opened first
 
     @property
     def status(self) -> CameraStatus:
@@ -223,8 +224,18 @@ class CameraSupervisor:
                     f"camera {self.section.name}: its process sent an invalid description: {error}"
                 ) from error
             notice = str(notification.payload.get("notice", ""))
+            self._check_identity(str(notification.payload.get("identity", "")))
             self._update(info=info, notice=notice, cause=self._with_last_loss("no frame yet"))
             self._on_info(info)
+
+    def _check_identity(self, identity: str) -> None:
+        """Raises BadData for another camera than the one that was opened first: its intrinsics and its mount are not known."""
+        self._identity = self._identity or identity
+        if identity and identity != self._identity:
+            raise BadData(
+                f"camera {self.section.name}: another camera ({identity}) is connected than at the start ({self._identity}); "
+                "connect that one, or set intrinsics and mount to those of the other and restart the service"
+            )
 
     def _handle_frame(self, frame: DepthFrame, now_ns: int, dropped: int) -> None:
         frozen = self._frozen_detector.check(frame)

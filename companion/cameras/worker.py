@@ -60,7 +60,7 @@ def run_camera(section: CameraConfig, writer: FrameWriter, source: DepthSource) 
     writer.send("opening")
     source.open()
     info = description(section, source)
-    writer.send("opened", info=dataclasses.asdict(info), notice=shortened(source.notice))
+    writer.send("opened", info=dataclasses.asdict(info), notice=shortened(source.notice), identity=source.identity)
     while True:
         frame = source.read(READ_S)
         if frame is not None:

@@ -95,6 +95,11 @@ class CameraConfig:
         "oak: its id (empty: the only one); zed, v4l2: a path, best in /dev/v4l/by-id or by-path; simulated: a file "
         "that stands for its cable, unplugged while it is missing (empty: plugged in)",
     )
+    serial: str = text(
+        "",
+        "v4l2 only: serial number that the camera must state on USB (`companion setup` writes it); empty: any camera at "
+        "this path, with the intrinsics and the mount of this one",
+    )
     width_px: int = number(640, 16, 4096, "px", "width of the depth image; of a zed, of one eye")
     height_px: int = number(
         480, 16, 4096, "px", "height of the depth image; simulated: always three quarters of the width"
@@ -199,6 +204,11 @@ class CameraConfig:
         if self.sky_is_far and (self.kind != "simulated" or self.render == "stereo"):
             raise ValueError(
                 f'[[camera]] "{self.name}": sky_is_far = true is for kind "simulated" with render = "depth"; remove it'
+            )
+        if self.serial and self.kind != "v4l2":
+            raise ValueError(
+                f'[[camera]] "{self.name}": serial is for kind "v4l2"; remove it (oak: set device to its id; zed: its video '
+                "device states none)"
             )
         kind = CAMERA_KINDS.get(self.kind)
         missing = [key for key in kind.needs if getattr(self, key) in ("", None)] if kind is not None else []

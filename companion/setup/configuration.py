@@ -17,6 +17,7 @@ class Answers:
 
     kind: str
     device: str = ""
+    serial: str = ""  # of a v4l2 camera, on USB
     pitch_deg: float = 0.0  # upwards
     yaw_deg: float = 0.0
     position_m: tuple[float, float, float] = (0.0, 0.0, 0.0)  # forward, right, down of the autopilot
@@ -71,6 +72,8 @@ def _camera(a: Answers) -> list[str]:
     lines += [_line("width_px", kind.width_px), _line("height_px", kind.height_px), _line("fps", kind.fps)]
     if a.kind == "zed":
         lines.append(_line("calibration", a.calibration_file, "SN<serial>.conf of this camera, from the maker's site"))
+    if a.kind == "v4l2" and a.serial:
+        lines.append(_line("serial", a.serial, "another camera at this port is refused"))
     if a.kind == "v4l2":
         lines += _intrinsics(a.calibration)
     return [

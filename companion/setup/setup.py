@@ -191,6 +191,7 @@ def collect(args: argparse.Namespace, ask: Questions) -> Answers:
     return Answers(
         kind=camera.kind,
         device=camera.device,
+        serial=camera.serial if camera.kind == "v4l2" else "",
         pitch_deg=ask.number(pitch_question, 0.0, PITCH_DEG, args.pitch),
         yaw_deg=ask.number("camera mount, yaw in degrees (to the right is positive)", 0.0, YAW_DEG, args.yaw),
         position_m=_position_m(args.position, ask),

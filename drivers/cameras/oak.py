@@ -111,6 +111,11 @@ class OakSource:
         """See `DepthSource.notice`."""
         return self._rows.notice(self.info.intrinsics)
 
+    @property
+    def identity(self) -> str:
+        """See `DepthSource.identity`."""
+        return "" if self._link is None else self._link.identity
+
     def close(self) -> None:
         """Closes the device. May be called twice."""
         link, self._link = self._link, None

@@ -74,10 +74,11 @@ class OakSettings:
 
 class OakLink(Protocol):
     """A running pipeline: its queue and its end. queue: of depth (dai.ImgFrame), or with several streams of groups
-    (dai.MessageGroup) with an image of each."""
+    (dai.MessageGroup) with an image of each. identity: see `DepthSource.identity`."""
 
     queue: Any
     baseline_m: float
+    identity: str
 
     def running(self) -> bool: ...
     def close(self) -> None: ...
@@ -131,6 +132,7 @@ class DeviceLink:
         device.setMaxReconnectionAttempts(0)
         refuse_known_fault(device.getCameraSensorNames().values(), dai.__version__, settings.camera)
         self.baseline_m = baseline_m(device.readCalibration(), settings.camera)
+        self.identity = f"OAK {device.getDeviceId()}"
         self._pipeline = dai.Pipeline(device)
         sides = []
         for socket in (dai.CameraBoardSocket.CAM_B, dai.CameraBoardSocket.CAM_C):

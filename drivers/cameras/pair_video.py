@@ -23,7 +23,9 @@ StampedImage = tuple[NDArray[np.uint8], int]
 
 
 class PairVideo(Protocol):
-    """An opened device or file."""
+    """An opened device or file. identity: see `DepthSource.identity`."""
+
+    identity: str
 
     def read(self, timeout_s: float) -> StampedImage | None:
         """The newest image, None after timeout_s. Raises DeviceLost, and BadData where images always arrive in part."""
@@ -40,6 +42,7 @@ class DeviceVideo:
     def __init__(self, wanted: CaptureFormat, connect: Callable[[CaptureFormat], Capture] = LinuxpyCapture) -> None:
         self._wanted = wanted
         self._buffers = WholeBuffers(wanted, connect)
+        self.identity = str(self._buffers.identity())
 
     def read(self, timeout_s: float) -> StampedImage | None:
         """See PairVideo."""
@@ -53,6 +56,8 @@ class DeviceVideo:
 
 class FileVideo:
     """Images of a file, stamped as they are read. Raises DeviceNotFound."""
+
+    identity = ""
 
     def __init__(self, camera: str, path: str) -> None:
         self._name = f"camera {camera}: {path}"

@@ -14,20 +14,22 @@ from numpy.typing import NDArray
 
 from core.types import FAR_MM, SATURATED_MM, UNKNOWN_MM, CameraInfo, DepthFrame, Intrinsics
 
-from ..base import DeviceNotFound
+from ..base import BadData, DeviceNotFound
 from .kernel_capture import Capture, CaptureFormat, LinuxpyCapture, RawBuffer
 from .kernel_stamps import KernelStamps
+from .video_identity import check_serial
 from .whole_buffers import WholeBuffers
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class V4l2Settings:
-    """device: best under /dev/v4l/by-id or by-path, whose names survive reconnection. depth_unit_mm: millimetres per unit of
-    Z16."""
+    """device: best under /dev/v4l/by-id or by-path, whose names survive reconnection. serial: that the device must state on USB; empty:
+    any. depth_unit_mm: millimetres per unit of Z16."""
 
     camera: str
     device: str
     intrinsics: Intrinsics
+    serial: str = ""
     fps: float = 30.0
     pixel_format: str = "Z16 "
     depth_unit_mm: float = 1.0
@@ -56,7 +58,7 @@ class V4l2Settings:
 class V4l2Source:
     """A DepthSource. `connect` opens the stream; tests pass their own."""
 
-    notice = ""
+    notice = identity = ""
 
     def __init__(self, settings: V4l2Settings, connect: Callable[[CaptureFormat], Capture] = LinuxpyCapture) -> None:
         self._settings = settings
@@ -78,9 +80,17 @@ class V4l2Source:
         )
 
     def open(self) -> None:
-        """Opens the stream. Raises DeviceNotFound and BadData."""
-        self._stamps = KernelStamps(self._settings.camera)
-        self._buffers = WholeBuffers(self._settings.capture, self._connect)
+        """Opens the stream. Raises DeviceNotFound, and BadData also for a camera of another serial number."""
+        s = self._settings
+        self._stamps = KernelStamps(s.camera)
+        self._buffers = WholeBuffers(s.capture, self._connect)
+        try:
+            found = self._buffers.identity()
+            check_serial(s.camera, s.device, s.serial, found)
+        except BadData:
+            self.close()
+            raise
+        self.identity = str(found)
 
     def close(self) -> None:
         """Closes the stream. May be called twice."""

@@ -8,6 +8,7 @@ from collections.abc import Callable
 
 from ..base import BadData, DeviceLost
 from .kernel_capture import Capture, CaptureFormat, LinuxpyCapture, RawBuffer
+from .video_identity import VideoIdentity, video_identity
 
 MOST_IN_A_ROW = 10
 """Number of buffers that may arrive in part, one after the other."""
@@ -53,6 +54,10 @@ class WholeBuffers:
                 "port of its own, lower fps, or set width_px and height_px to the camera's format"
             )
         return whole
+
+    def identity(self) -> VideoIdentity:
+        """Which device it is."""
+        return video_identity(self._capture.fileno())
 
     def close(self) -> None:
         """Closes the device. May be called twice."""

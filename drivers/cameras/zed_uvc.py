@@ -108,6 +108,11 @@ class ZedSource:
         """See `DepthSource.notice`."""
         return self._rows.notice(self.info.intrinsics)
 
+    @property
+    def identity(self) -> str:
+        """See `DepthSource.identity`."""
+        return "" if self._video is None else self._video.identity
+
     def open(self) -> None:
         """Opens the device, reads its first images, checks the calibration with them and aligns their rows, or does so with
         later ones if these have too few corners. Raises DeviceNotFound, DeviceLost and BadData; a partially opened device is

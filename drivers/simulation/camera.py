@@ -60,7 +60,7 @@ class SimulatedDepthSource:
     camera that is opened again goes on where it would be. The frame time is fps, rounded so that a leg of the flight
     holds a whole number of frames. Raises ValueError where the frames of a leg take too much room."""
 
-    notice = ""
+    notice = identity = ""
 
     def __init__(
         self,

@@ -52,7 +52,7 @@ class FollowSettings:
 class FollowingDepthSource:
     """DepthSource. `deliver` receives the samples of the link; with no address of its own (tests) they are given to it."""
 
-    notice = ""
+    notice = identity = ""
 
     def __init__(
         self, plan: FlightPlan, info: CameraInfo, settings: FollowSettings, clock_ns: Callable[[], int]

@@ -66,7 +66,9 @@ CAMERA = textwrap.dedent("""
     rng = np.random.default_rng(0)
     info = CameraInfo("front", Intrinsics(64, 48, 60.0, 60.0, 32.0, 24.0))
     notice = "the rows differ" if habit == "misaligned" and not os.path.exists("was_open") else ""
-    writer.send("opened", info=asdict(info), notice=notice)
+    exchanged = habit == "exchanged" and os.path.exists("is_exchanged")
+    identity = "serial 2" if exchanged else "serial 1" if habit == "exchanged" else ""
+    writer.send("opened", info=asdict(info), notice=notice, identity=identity)
     depth = np.full((48, 64), 3000, np.uint16)
     for k in range(1 << 30):
         after = k >= int(times)
@@ -149,6 +151,24 @@ def test_the_notice_of_a_camera_is_that_of_its_last_opening(tmp_path: Path, monk
         os.kill(w.supervisor.pid, signal.SIGKILL)
         assert w.until(lambda: len(w.infos) == 2)
         assert w.until(lambda: w.supervisor.status.notice == "")
+
+
+def test_another_camera_in_the_place_of_the_first_is_not_used(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Plugged into the same port while the service runs: it was used with the intrinsics and the mount of the first."""
+    monkeypatch.chdir(tmp_path)
+    with Watched(tmp_path, "exchanged:0") as w:
+        assert w.until(lambda: bool(w.frames))
+        (tmp_path / "is_exchanged").touch()
+        assert w.supervisor.pid is not None
+        os.kill(w.supervisor.pid, signal.SIGKILL)
+        text = "another camera (serial 2) is connected than at the start (serial 1); connect that one"
+        assert w.until(lambda: text in w.supervisor.status.last_loss)
+        w.frames.clear()
+        starts = w.supervisor.status.starts
+        assert w.until(lambda: w.supervisor.status.starts > starts + 1)
+        assert (len(w.infos), w.frames) == (1, [])
+        (tmp_path / "is_exchanged").unlink()
+        assert w.until(lambda: bool(w.frames))
 
 
 def test_a_process_that_cannot_be_started_is_tried_again(tmp_path: Path) -> None:

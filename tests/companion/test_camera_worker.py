@@ -25,6 +25,7 @@ class Source:
 
     notice: str
     info: CameraInfo = INFO
+    identity: str = ""
 
     def open(self) -> None:
         pass

@@ -147,6 +147,7 @@ def test_the_written_configuration_is_usable(kind: str, tmp_path: Path) -> None:
     answers = Answers(
         kind=kind,
         device="/dev/v4l/by-id/x" if "device" in CAMERA_KINDS[kind].needs else "",
+        serial="843112071234" if kind == "v4l2" else "",
         pitch_deg=-12.5,
         position_m=(0.1, 0.0, -0.05),
         width_m=0.6,
@@ -164,6 +165,7 @@ def test_the_written_configuration_is_usable(kind: str, tmp_path: Path) -> None:
     assert (config.extractor.passable_width_m, config.extractor.passable_height_m) == (1.2, 0.6)
     if kind == "v4l2":
         assert (camera.fx_px, camera.cy_px) == (391.2, 238.7)
+    assert camera.serial == ("843112071234" if kind == "v4l2" else "")
     assert main(["check-config", str(tmp_path / "a.toml")]) == 0
 
 

@@ -107,6 +107,7 @@ class HostLink:
     """What drivers.cameras.oak_pipeline.connect_device gives, on the host."""
 
     baseline_m: float = 0.075
+    identity = "OAK 19443010AA"
 
     def __init__(self, make: Callable[[int], dai.ImgFrame | None], period_s: float = 0.01) -> None:
         self._pipeline = dai.Pipeline(createImplicitDevice=False)
