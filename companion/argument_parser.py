@@ -9,9 +9,12 @@ import re
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn
 
 from drivers.shell_word import shell_word
+
+if TYPE_CHECKING:
+    from _typeshed import SupportsWrite
 
 _NEGATIVE = re.compile(r"-[0-9.].*")
 """A word that argparse takes for an option, unless it is a plain negative number."""
@@ -65,6 +68,10 @@ class ArgumentParser(argparse.ArgumentParser):
         if unknown:
             self.error(f"unrecognized arguments: {' '.join(unknown)}; {self._remedy(unknown[0])}")
         return found, unknown
+
+    def print_help(self, file: SupportsWrite[str] | None = None) -> None:
+        """Prints the help. Raises OSError, which the base class drops: the status was 0 although nothing was printed."""
+        (sys.stdout if file is None else file).write(self.format_help())
 
     def error(self, message: str) -> NoReturn:
         """Prints the usage and the message, and exits. A file whose name begins with a minus was taken for an option."""

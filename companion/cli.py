@@ -108,6 +108,11 @@ def _run(words: Sequence[str]) -> int:
         args = parser.parse_args(words)
     except SystemExit as end:  # argparse exits this way after --help and on wrong usage
         return end.code if isinstance(end.code, int) else 2
+    except BrokenPipeError:
+        raise
+    except OSError as error:  # of --help, where stdout has no buffer
+        fail(error_text(error))
+        return 1
     if args.command is None and not args.version:
         parser.print_usage(sys.stderr)
         fail("no command is given; `companion --help` lists the commands")

@@ -29,12 +29,19 @@ def folders() -> Folders:
     given = given_run_folder()
     try:
         run = given or own_run_folder()
-        state_folder = Path(state) if state else Path.home() / ".local" / "state" / NAME
+        state_folder = Path(state) if state else _state_home() / NAME
     except RuntimeError as error:
         raise _without_home("XDG_RUNTIME_DIR and STATE_DIRECTORY") from error
     _make(run, "of the sockets", "RUNTIME_DIRECTORY" if given else "XDG_RUNTIME_DIR", mode=0o750)
     _make(state_folder, "of logs and state", "STATE_DIRECTORY", mode=0o777)
     return Folders(run, state_folder)
+
+
+def _state_home() -> Path:
+    """Of the user: XDG_STATE_HOME, or its default where that is not set, or relative, which is invalid. Raises RuntimeError without a
+    home directory."""
+    given = Path(os.environ.get("XDG_STATE_HOME", ""))
+    return given if given.is_absolute() else Path.home() / ".local" / "state"
 
 
 def _make(folder: Path, purpose: str, variable: str, mode: int) -> None:

@@ -22,7 +22,7 @@ from .dataset import begin_run, delete_unfinished, finished
 from .engines import Engine, EngineName
 from .flights import Flight, find_flights
 from .frame_rows import text_hash
-from .jobs import BatchOptions, FlightTask, Process
+from .jobs import BatchOptions, Failure, FlightTask, Process
 from .local_engine import LocalEngine
 from .parquet_table import arrow_module
 from .report import BatchReport, print_failures, print_report
@@ -65,13 +65,14 @@ def batch(flights: Sequence[Flight], output: str, options: BatchOptions, engine:
         for flight, unread_files in present.items():
             report.add_present(flight, unread_files)
         with progress("batch") as on_progress:
-            number = 0
+            ended = len(present)
             try:
                 for number, done in enumerate(engine.run(tasks), start=1):
                     report.add(done)
+                    ended += not isinstance(done.result, Failure)  # which the next run processes again
                     on_progress(number / len(tasks))
             except KeyboardInterrupt as interrupt:
-                done_of = f"{len(present) + number} of {counted(len(flights), 'flight')} are processed"
+                done_of = f"processed {ended} of {counted(len(flights), 'flight')}"
                 raise KeyboardInterrupt(f"interrupted: {done_of}; the same command continues") from interrupt
         delete_unfinished(output)
     report.wall_s = time.monotonic() - begun_s

@@ -197,7 +197,7 @@ def _write(clips: list[Clip], folder: Path, replace: bool, found: Found) -> None
     try:
         cut_clips(clips, found)
     except KeyboardInterrupt as interrupt:
-        done = f"{len(found.clips)} of {counted(len(clips), 'clip')} are written to {folder}"
+        done = f"wrote {len(found.clips)} of {counted(len(clips), 'clip')} to {folder}"
         raise KeyboardInterrupt(f"interrupted: {done}") from interrupt
 
 

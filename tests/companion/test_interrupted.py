@@ -157,4 +157,4 @@ sys.exit(main(sys.argv[1:]))
         process.kill()
     assert process.returncode == 130
     assert not list((tmp_path / "out").glob("copies-*"))
-    assert err == "companion: error: interrupted: 0 of 3 flights are processed; the same command continues\n"
+    assert err == "companion: error: interrupted: processed 0 of 3 flights; the same command continues\n"

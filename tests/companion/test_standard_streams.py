@@ -44,7 +44,15 @@ def test_without_any_stream_the_status_remains() -> None:
 
 @pytest.mark.parametrize(
     ("words", "unbuffered"),
-    [("--version", ""), ("--version", "1"), ("info $LOG", ""), ("info $LOG", "1"), ("--help", "")],
+    [
+        ("--version", ""),
+        ("--version", "1"),
+        ("info $LOG", ""),
+        ("info $LOG", "1"),
+        ("--help", ""),
+        ("--help", "1"),
+        ("run --help", "1"),
+    ],
 )
 def test_a_full_disk_under_stdout_is_reported(words: str, unbuffered: str) -> None:
     """Python reported it after the command, with a message of its own and status 120."""

@@ -189,6 +189,29 @@ def test_the_variable_that_is_in_use_is_named(no_folder: Path, monkeypatch: pyte
         folders()
 
 
+@pytest.mark.parametrize(
+    ("variables", "expected"),
+    [
+        ({}, "home/.local/state/osape-companion"),
+        ({"XDG_STATE_HOME": ""}, "home/.local/state/osape-companion"),
+        ({"XDG_STATE_HOME": "relative"}, "home/.local/state/osape-companion"),
+        ({"XDG_STATE_HOME": "{tmp}/s"}, "s/osape-companion"),
+        ({"XDG_STATE_HOME": "{tmp}/s", "STATE_DIRECTORY": "{tmp}/given"}, "given"),
+    ],
+)
+def test_state_is_kept_where_the_user_keeps_state(
+    variables: dict[str, str], expected: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """XDG_STATE_HOME was ignored. A relative path in it is invalid and to be ignored (XDG Base Directory Specification)."""
+    for name in ("STATE_DIRECTORY", "XDG_STATE_HOME", "RUNTIME_DIRECTORY"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setenv("HOME", str(tmp_path / "home"))
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path / "run"))
+    for name, value in variables.items():
+        monkeypatch.setenv(name, value.format(tmp=tmp_path))
+    assert folders().state == tmp_path / expected
+
+
 def test_a_state_folder_that_cannot_be_made_is_named_with_the_remedy(
     no_folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
