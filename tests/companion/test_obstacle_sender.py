@@ -93,10 +93,15 @@ class Chain:
 
     def expose(self, late_ns: int = 0, deliver: bool = True) -> None:
         """A frame arrives, exposed late_ns before. deliver: its result reaches the builder."""
+        for result in self.results(late_ns):
+            if deliver:
+                self.builder.result(result)
+
+    def results(self, late_ns: int = 0) -> list[PrismsResult]:
+        """The results of a frame that arrives, exposed late_ns before."""
         self.sequence += 1
-        for output in self.pipeline.handle(frame(self.sequence, self.now_ns - late_ns, self.now_ns)):
-            if isinstance(output, PrismsResult) and deliver:
-                self.builder.result(output)
+        outputs = self.pipeline.handle(frame(self.sequence, self.now_ns - late_ns, self.now_ns))
+        return [output for output in outputs if isinstance(output, PrismsResult)]
 
     def newest(self) -> PrismsResult:
         """The newest result that has arrived."""
