@@ -6,8 +6,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..jit import inline_ieee, inner_inline, kernel
+from ..jit import inline_ieee, inner, inner_inline, kernel
 from ..types import BEYOND_MM, CONTINUED_MM, FAR_MM, SATURATED_MM, TEXTURED_MM, TEXTURELESS_MM, UNKNOWN_MM
+from .free_holes import LEAST_SIDE
 from .level import source_of_rows, source_rows_of_column
 from .view_geometry import Q_FAR, Q_UNKNOWN
 
@@ -93,6 +94,28 @@ def kinds_of(codes, mm, kinds):
         kind = IS_MEASURED if z == BEYOND_MM else kind
         kind = IS_SMOOTH if z == TEXTURELESS_MM else kind
         kinds[i] = IS_MEASURED if codes[i] != Q_UNKNOWN else kind
+
+
+@kernel
+def join_ground(marked, first):
+    """Smooth cells between smooth ground on both sides count as ground too, where these gaps along a row are narrower than the
+    smallest hole that may hide an object. The rows above `first`, the horizon, hold no ground. marked: MarkedView, changed in place."""
+    cols, rows = marked.mm.shape
+    for u in range(1, cols - 1):
+        for v in range(first, rows):
+            if marked.kinds[u, v] == IS_SMOOTH and width_of_gap(marked.kinds, u, v) < LEAST_SIDE:
+                marked.mm[u, v], marked.kinds[u, v] = CONTINUED_MM, IS_CONTINUED
+
+
+@inner
+def width_of_gap(kinds, u, v):
+    """Cells between the smooth ground to the left and to the right of cell (u, v), LEAST_SIDE or more where one of them is not that near.
+    kinds: (cols, rows) uint8."""
+    left, right = LEAST_SIDE, LEAST_SIDE
+    for step in range(LEAST_SIDE - 1, 0, -1):
+        left = step if u >= step and kinds[u - step, v] == IS_CONTINUED else left
+        right = step if u + step < len(kinds) and kinds[u + step, v] == IS_CONTINUED else right
+    return left + right - 1
 
 
 class BlockRows(NamedTuple):

@@ -31,6 +31,7 @@ from .open_blocks import (
     EDGE_ROWS,
     STEP,
     MarkedView,
+    join_ground,
     level_marks,
     sort_blocks,
 )
@@ -142,6 +143,7 @@ def open_codes(depth_mm, codes, H, settings, columns, marked):
     kind, near = np.empty(shape, np.uint8), np.empty(shape, np.float32)
     # what is beyond the range of the camera has a distance too
     level_marks(depth_mm.ravel(), depth_mm.shape, codes, H, s.far_m, s.gain, marked)
+    join_ground(marked, max(0, int(math.ceil(s.horizon_row))))
     sort_blocks(marked, s.gain, kind, near)
     judge_columns(kind, near, marked.kinds, s, columns)
     for j in range(n):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -23,6 +24,7 @@ from core.stages.open_blocks import (
     SMOOTH,
     TEXTURED,
     MarkedView,
+    join_ground,
     level_marks,
     sort_blocks,
 )
@@ -167,6 +169,33 @@ def test_every_kind_of_block_occurs() -> None:
         kinds = marked_view(depth, codes, view).kinds
         found |= set(np.log2(kinds).astype(int).ravel().tolist())
     assert found == {OUTSIDE, SMOOTH, MEASURED, OTHER, CONTINUED, TEXTURED}
+
+
+def naive_join_ground(row: list[int]) -> list[int]:
+    """The kinds of a row of cells below the horizon: up to three cells between smooth ground count as ground where they are smooth."""
+    ground = [u for u, kind in enumerate(row) if kind == CONTINUED]
+    joined = list(row)
+    for one, next_one in pairwise(ground):
+        for u in range(one + 1, next_one):
+            joined[u] = CONTINUED if row[u] == SMOOTH and next_one - one - 1 <= 3 else row[u]
+    return joined
+
+
+@pytest.mark.nojit
+@pytest.mark.parametrize("seed", range(4))
+def test_narrow_gaps_in_smooth_ground_are_ground(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    cols, rows, horizon = 60, 12, 5
+    kinds = rng.choice([SMOOTH, CONTINUED, TEXTURED, MEASURED, OUTSIDE], (cols, rows), p=[0.5, 0.35, 0.05, 0.05, 0.05])
+    mm = np.where(kinds == CONTINUED, CONTINUED_MM, np.where(kinds == SMOOTH, TEXTURELESS_MM, UNKNOWN_MM))
+    marked = MarkedView(np.zeros((cols, rows), np.uint16), mm.astype(np.uint16), (1 << kinds).astype(np.uint8))
+    join_ground(marked, horizon)
+    expected = np.array([naive_join_ground(row.tolist()) if v >= horizon else row for v, row in enumerate(kinds.T)]).T
+    assert np.array_equal(marked.kinds, 1 << expected)
+    assert np.array_equal(marked.mm == CONTINUED_MM, expected == CONTINUED)
+    changed = expected != kinds
+    assert changed.any()
+    assert (mm[changed] == TEXTURELESS_MM).all()
 
 
 def naive_set_open(mm: Codes, u: int, run: OpenRows, code: int, out: Codes) -> None:

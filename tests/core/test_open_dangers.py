@@ -123,20 +123,27 @@ def test_the_border_of_smooth_ground_is_filled_and_a_rail_before_it_is_not(rows:
     assert (open_m(model_of(f_px, depth), 0.0) >= 10.0) == is_open
 
 
-def marked_girder(f_px: float, top_row: int, bottom_row: int, lost_rows: int, lip_rows: int = 0) -> Depth:
+def marked_girder(
+    f_px: float, top_row: int, bottom_row: int, lost_rows: int, lip_rows: int = 0, teeth_px: int = 0
+) -> Depth:
     """A blank girder of the mean brightness of the ground below it, before a brighter sky, through the marks of the driver. lip_rows:
-    of a darker lower edge."""
+    of a darker lower edge; teeth_px: greatest width of random teeth of up to 20 rows at this edge, 0: it is straight."""
     width, height = CAMERAS[f_px]
     rng = np.random.default_rng(7)
+    bottom = np.full(width, bottom_row)
+    if teeth_px:
+        for u in range(0, width, teeth_px):
+            bottom[u : u + int(rng.integers(1, teeth_px + 1))] += int(rng.integers(0, 21))
+    rows = np.arange(height)[:, None]
     left = np.full((height, width), 200.0)
-    left[max(0, top_row) : bottom_row] = 120.0
-    texture = rng.normal(0.0, 18.0, (height - bottom_row, width))
-    left[bottom_row:] = 120.0 + texture
-    left[bottom_row - lip_rows : bottom_row] = 70.0
+    left[max(0, top_row) :] = 120.0
+    ground = rows >= bottom
+    left[ground] += rng.normal(0.0, 18.0, left.shape)[ground]
+    left[(rows >= bottom - lip_rows) & ~ground] = 70.0
     images = [np.clip(np.rint(left + rng.normal(0.0, 1.0, left.shape)), 0, 255).astype(np.uint8) for _ in range(2)]
-    disparity = np.full((height, width), -1.0, np.float32)
-    begin = bottom_row + lost_rows
-    disparity[begin:] = (f_px * BASELINE_M / (0.001 * ground_mm(f_px)[begin:]))[:, None]
+    matched = rows >= bottom + lost_rows
+    true_px = f_px * BASELINE_M / (0.001 * np.maximum(ground_mm(f_px), 1.0))[:, None]
+    disparity = np.where(matched, true_px, -1.0).astype(np.float32)
     depth = depth_mm(disparity, f_px * BASELINE_M)
     return mark_unmeasured(depth, disparity, images[0], images[1], SmoothLimits())
 
@@ -163,6 +170,18 @@ def test_the_visible_lower_edge_of_a_girder_is_no_border_of_smooth_ground(
     f_px = 350.0
     for shift in range(4):
         depth = marked_girder(f_px, row_at(f_px, 0.4), row_at(f_px, bottom_deg) + shift, lost_rows, lip_rows)
+        assert open_m(model_of(f_px, depth), 0.2) <= 2.0, shift
+
+
+@pytest.mark.parametrize("bottom_deg", [-3.0, -7.0])
+@pytest.mark.parametrize("teeth_px", [1, 2, 3, 4, 8])
+def test_the_visible_ragged_lower_edge_of_a_girder_is_no_border_of_smooth_ground(
+    bottom_deg: float, teeth_px: int
+) -> None:
+    """In columns between teeth its face is continued from the ground; columns of a tooth must not be continued from those."""
+    f_px = 350.0
+    for shift in range(4):
+        depth = marked_girder(f_px, row_at(f_px, 0.4), row_at(f_px, bottom_deg) + shift, 2, 2, teeth_px)
         assert open_m(model_of(f_px, depth), 0.2) <= 2.0, shift
 
 

@@ -215,6 +215,16 @@ def test_smooth_ground_below_the_horizon_continues_what_is_measured() -> None:
     assert open_m(model_of(depth, open_share=0.8)) < 3.0
 
 
+@pytest.mark.parametrize(("width_px", "is_open"), [(1, True), (3, True), (4, False), (12, False)])
+def test_columns_that_are_narrower_than_a_hole_are_ground_between_smooth_ground(width_px: int, is_open: bool) -> None:
+    """Below them more rows are unmatched than smooth ground is continued over."""
+    depth = field()
+    depth[row_at(0.0) : row_at(-1.4)] = TEXTURED_MM
+    depth[row_at(-1.4) : row_at(-6.0)] = CONTINUED_MM
+    depth[row_at(-1.4) : row_at(-6.0), 99 : 99 + width_px] = TEXTURELESS_MM
+    assert (open_m(model_of(depth)) >= 10.0) == is_open
+
+
 @pytest.mark.parametrize(("rows", "filled"), [(4, True), (5, False)])
 def test_holes_with_fewer_rows_than_an_edge_in_far_ground_are_filled(rows: int, filled: bool) -> None:
     depth = field()
