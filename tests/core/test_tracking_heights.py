@@ -16,6 +16,7 @@ from .test_tracking import SMALL, STEP, distance, without_position
 from .worlds import seen, wall
 
 pytestmark = pytest.mark.nojit
+COMPILED = pytest.mark.compiled
 LOW = wall(4.0, -0.5, 4.0, 0.5, -0.5, 0.5)
 BACK = wall(12.0, -9.0, 12.0, 9.0, -9.0, 9.0)
 HALF_RAD = math.radians(28.0)
@@ -64,7 +65,7 @@ def frame(walls: list[list[float]], k: int, z: float = 0.0, pitch_deg: float = 0
     [(-3.2, 0.0), (3.2, 0.0), (-8.0, 0.0), (8.0, 0.0), (0.0, 45.0), (0.0, -45.0)],
     ids=["climb", "descent", "beyond the layers", "under the layers", "pitched up", "pitched down"],
 )
-@pytest.mark.parametrize("frames", [2, 5, 20])
+@pytest.mark.parametrize("frames", [2, pytest.param(5, marks=COMPILED), pytest.param(20, marks=COMPILED)])
 def test_what_is_above_or_below_the_image_is_kept_for_the_whole_memory(frames, z, pitch_deg, behind):
     """The camera has moved there within a second."""
     tracker, last, memory = Tracker(SMALL), frames - 1, round(10 * SMALL.memory_s)

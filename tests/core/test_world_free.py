@@ -109,14 +109,16 @@ def test_every_free_cell_is_free_to_the_planners_queries(seed: int) -> None:
     assert balls_free(p, (x, y, 0.0), inside, np.full(len(inside), 1e-6)).all()
 
 
-@pytest.mark.parametrize("most", [1, 2, 5, 64])
-def test_a_frame_that_sees_more_than_the_table_holds_frees_nothing_else(most: int) -> None:
+@pytest.mark.parametrize(
+    ("most", "reach_m"), [(1, 12.0), (2, 12.0), (5, 12.0), pytest.param(64, 60.0, marks=pytest.mark.compiled)]
+)
+def test_a_frame_that_sees_more_than_the_table_holds_frees_nothing_else(most: int, reach_m: float) -> None:
     """Layers on both sides of z = 0 lie in two blocks of each column, of which one may replace the other."""
     p = FreeProfile(
         azimuth_edges_rad=np.linspace(-0.8, 0.8, 9, dtype=np.float32),
         layer_edges_m=np.array([-3.0, -1.0, 1.0, 3.0], np.float32),
         free_from_m=np.full((8, 3), 0.5, np.float32),
-        free_to_m=np.tile(np.array([48.0, 60.0, 40.0], np.float32), (8, 1)),
+        free_to_m=np.tile(np.array([0.8, 1.0, 0.7], np.float32) * reach_m, (8, 1)),
         end=np.zeros((8, 3), np.uint8),
     )
     free, large = empty_free(most), empty_free(1024)
