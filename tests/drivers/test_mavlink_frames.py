@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import struct
+
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -40,10 +43,32 @@ def test_a_message_unknown_to_the_dialect_is_counted_and_passed_by() -> None:
     assert splitter.counts["unknown_message"] == 1
 
 
-def test_mavlink_1_is_understood_too() -> None:
-    old = dialect.MAVLink_heartbeat_message(2, 3, 0, 0, 4, 3).pack(ENCODER, force_mavlink1=True)
-    (message,) = MessageSplitter().feed(bytes(old))
-    assert message.get_type() == "HEARTBEAT"
+@pytest.mark.parametrize("sequence", [0, 1, 2, 255])
+def test_mavlink_1_is_understood_too(sequence: int) -> None:
+    encoder = dialect.MAVLink(None, 7, 9)
+    encoder.seq = sequence
+    old = dialect.MAVLink_attitude_message(5, 0.1, 0.2, 0.3, 0.0, 0.0, 0.0).pack(encoder, force_mavlink1=True)
+    first, second = MessageSplitter().frames(bytes(old) + attitude(6))
+    assert (first.id, first.get_srcSystem(), first.get_srcComponent()) == (30, 7, 9)
+    assert first.fields(struct.Struct("<I3f")) == pytest.approx((5, 0.1, 0.2, 0.3))
+    assert first.message().get_type() == "ATTITUDE"
+    assert second.fields(struct.Struct("<I")) == (6,)
+
+
+@pytest.mark.parametrize("signed", [False, True])
+def test_the_header_of_mavlink_2_is_decoded(signed: bool) -> None:
+    """The number of OBSTACLE_DISTANCE, 330, takes two bytes. All of the message's fields follow, and the next message."""
+    encoder = dialect.MAVLink(None, 7, 9)
+    encoder.signing.secret_key, encoder.signing.sign_outgoing = bytes(range(32)), signed
+    distances = dialect.MAVLink_obstacle_distance_message(5, 0, [300] * 72, 5, 20, 1200, 5.0, 0.0, 12)
+    data = bytes(distances.pack(encoder))
+    splitter = MessageSplitter()
+    first, second = splitter.frames(data + attitude(6))
+    assert (first.id, first.get_srcSystem(), first.get_srcComponent()) == (330, 7, 9)
+    assert first.get_msgbuf() == data
+    assert first.fields(struct.Struct("<Q72H")) == (5, *[300] * 72)
+    assert second.fields(struct.Struct("<I")) == (6,)
+    assert not splitter.counts
 
 
 def test_a_message_begun_on_a_lost_line_is_forgotten() -> None:
