@@ -37,6 +37,10 @@ demo: $(DEMO_STAMP) ## the live service on a simulated flight, its log replayed 
 WORKERS := --max-worker-restart=0
 BY_FILE := $(WORKERS) --dist loadfile
 
+# Files of folder $(2) with tests of marker $(1), in the order of their names: to collect all files takes each worker 9 s of
+# processor time. tests/conftest.py ensures that the file of a test contains its markers.
+WITH_MARK = $$(grep -rl --include='test_*.py' 'mark\.$(1)' $(2) | LC_ALL=C sort)
+
 lint: $(STAMP) ## ruff, mypy, the contracts between the packages
 	@$(BIN)/ruff check $(SOURCES)
 	@$(BIN)/ruff format --check $(SOURCES)
@@ -56,8 +60,8 @@ test: lint ## all checks, 12 to 40 minutes on two cores
 # The tests that call kernels directly (marker nojit) run twice more: without the JIT and with bounds checks. Kernels with
 # bounds checks have a cache directory of their own (companion/kernels/jit_cache.py).
 test-computing: $(STAMP)
-	@echo "== kernels without the JIT"; NUMBA_DISABLE_JIT=1 $(BIN)/pytest $(WORKERS) -n 2 -m "nojit and unit and not compiled" tests/core
-	@echo "== kernels with bounds checks"; NUMBA_BOUNDSCHECK=1 $(BIN)/pytest $(WORKERS) -n 2 -m "nojit and unit" tests/core
+	@echo "== kernels without the JIT"; NUMBA_DISABLE_JIT=1 $(BIN)/pytest $(WORKERS) -n 2 -m "nojit and unit and not compiled" $(call WITH_MARK,nojit,tests/core)
+	@echo "== kernels with bounds checks"; NUMBA_BOUNDSCHECK=1 $(BIN)/pytest $(WORKERS) -n 2 -m "nojit and unit" $(call WITH_MARK,nojit,tests/core)
 	@echo "== unit tests"; $(BIN)/pytest $(BY_FILE) -n 2 -m unit tests
 
 # The kernels are compiled before, where they never were, so that no test waits for a compiler. Four at a time, since they
@@ -65,12 +69,12 @@ test-computing: $(STAMP)
 test-processes: $(STAMP)
 	@$(BIN)/companion warmup
 	@echo "== tests with processes, sockets and the clock"
-	@$(BIN)/pytest $(BY_FILE) --no-loadscope-reorder -n 4 -m "process and not realtime" tests
+	@$(BIN)/pytest $(BY_FILE) --no-loadscope-reorder -n 4 -m "process and not realtime" $(call WITH_MARK,process,tests)
 
 # On a slow machine four services at once do not keep up with their cameras.
 test-realtime: $(STAMP)
 	@$(BIN)/companion warmup
-	@echo "== tests that follow a service in real time"; $(BIN)/pytest $(BY_FILE) -n 2 -m realtime tests
+	@echo "== tests that follow a service in real time"; $(BIN)/pytest $(BY_FILE) -n 2 -m realtime $(call WITH_MARK,realtime,tests)
 
 test-versions: $(STAMP) ## Python 3.11 to 3.13, each with the lowest and highest packages (needs the network; ARGS='--only 3.12')
 	@$(BIN)/python .ci/test_versions.py $(ARGS)

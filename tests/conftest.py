@@ -36,9 +36,25 @@ TIERS = ("process", "slow", "soak", "vm")
 """Markers of tests that are no unit tests. A test has one of them at most, so that no tier contains a test of another."""
 
 
+SEARCHED = ("process", "realtime", "nojit")
+"""Markers whose passes in the Makefile collect only the files that contain `mark.` and the marker."""
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Marks every test without another tier as a unit test. Raises UsageError where a test has two tiers."""
+    """Marks every test without another tier as a unit test. Raises UsageError where a test has two tiers, or a marker by
+    which the Makefile would not find its file."""
+    texts: dict[Path, str] = {}
     for item in items:
+        for marker in SEARCHED:
+            if not item.get_closest_marker(marker):
+                continue
+            if item.path not in texts:
+                texts[item.path] = item.path.read_text(encoding="utf-8")
+            if f"mark.{marker}" not in texts[item.path]:
+                raise pytest.UsageError(
+                    f"{item.nodeid} has the marker {marker}, but {item.path.name} does not contain mark.{marker}: make test "
+                    "would not collect the file; write the marker in it"
+                )
         tiers = [tier for tier in TIERS if item.get_closest_marker(tier)]
         if len(tiers) > 1:
             raise pytest.UsageError(f"{item.nodeid} has the tiers {' and '.join(tiers)}: keep one of these markers")

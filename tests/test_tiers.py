@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import cast
 
 import pytest
 
-from .conftest import pytest_collection_modifyitems
+from .conftest import CHECKOUT, SEARCHED, pytest_collection_modifyitems
 
 
 class Item:
@@ -14,8 +15,8 @@ class Item:
 
     nodeid = "test_file.py::test"
 
-    def __init__(self, *markers: str) -> None:
-        self.markers = list(markers)
+    def __init__(self, path: Path, markers: tuple[str, ...]) -> None:
+        self.path, self.markers = path, list(markers)
 
     def get_closest_marker(self, name: str) -> str | None:
         return name if name in self.markers else None
@@ -24,18 +25,43 @@ class Item:
         self.markers.append(mark.name)
 
 
-def collected(*markers: str) -> list[str]:
-    item = Item(*markers)
+@pytest.fixture
+def marked(tmp_path: Path) -> Path:
+    """A file that contains the markers which the Makefile searches."""
+    file = tmp_path / "test_marked.py"
+    file.write_text("".join(f"pytest.mark.{marker}\n" for marker in SEARCHED), encoding="utf-8")
+    return file
+
+
+def collected(path: Path, *markers: str) -> list[str]:
+    item = Item(path, markers)
     pytest_collection_modifyitems([cast("pytest.Item", item)])
     return item.markers
 
 
-def test_a_test_without_a_tier_is_a_unit_test() -> None:
-    assert collected() == ["unit"]
-    assert collected("nojit") == ["nojit", "unit"]
-    assert collected("process") == ["process"]
+def test_a_test_without_a_tier_is_a_unit_test(marked: Path) -> None:
+    assert collected(marked) == ["unit"]
+    assert collected(marked, "nojit") == ["nojit", "unit"]
+    assert collected(marked, "process") == ["process"]
 
 
-def test_a_test_with_two_tiers_is_an_error() -> None:
+def test_a_test_with_two_tiers_is_an_error(marked: Path) -> None:
     with pytest.raises(pytest.UsageError, match="has the tiers process and soak"):
-        collected("process", "soak")
+        collected(marked, "process", "soak")
+
+
+@pytest.mark.parametrize("marker", SEARCHED)
+def test_a_marker_that_is_not_written_in_its_file_is_an_error(marker: str, tmp_path: Path) -> None:
+    """`make test` would not run the test: it collects the files that contain the marker."""
+    file = tmp_path / "test_file.py"
+    file.write_text("from .marks import PART as pytestmark\n", encoding="utf-8")
+    with pytest.raises(pytest.UsageError, match=rf"test_file.py does not contain mark.{marker}"):
+        collected(file, marker)
+    file.write_text(f"pytestmark = pytest.mark.{marker}\n", encoding="utf-8")
+    assert marker in collected(file, marker)
+
+
+def test_the_makefile_collects_the_files_with_a_marker() -> None:
+    makefile = (CHECKOUT / "Makefile").read_text(encoding="utf-8")
+    for marker in SEARCHED:
+        assert f"$(call WITH_MARK,{marker}," in makefile

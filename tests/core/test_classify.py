@@ -76,6 +76,25 @@ def test_a_surface_seen_edge_on_stays(turned: bool, order: int) -> None:
 
 
 @pytest.mark.nojit
+@pytest.mark.parametrize("turned", [False, True])
+@pytest.mark.parametrize("order", [1, -1])
+@pytest.mark.parametrize(
+    ("inverse", "stays"),
+    [((0.1, 0.2, 0.3, 0.9, 0.95), (1, 0, 1, 1, 1)), ((0.6, 0.2, 0.08, 0.08, 0.08), (1, 0, 1, 1, 1))],
+    ids=["the surface ends at the border", "a surface at 1 m would continue beyond it"],
+)
+def test_the_border_of_the_image_is_unknown(
+    inverse: tuple[float, ...], stays: tuple[int, ...], turned: bool, order: int
+) -> None:
+    """1/Z of one line, 1/m. Its outermost pixel counts as every other one, and there is nothing beyond it."""
+    line, kept = np.rint(1000.0 / np.array(inverse)).astype(np.uint16), np.array(stays, bool)
+    depth = np.tile(line, (3, 1))[:, ::order]
+    want = np.tile(np.where(kept, line, 0), (3, 1))[:, ::order]
+    out, _ = run(np.ascontiguousarray(depth.T if turned else depth), 0.0015, 0.08, 0.02)
+    np.testing.assert_array_equal(out.T if turned else out, want)
+
+
+@pytest.mark.nojit
 def test_two_pixels_are_no_surface() -> None:
     """Of a flying pixel beside another one, whose distances have nothing to do with each other, nothing is kept."""
     depth = np.full((30, 40), 8000, np.uint16)
@@ -107,6 +126,13 @@ def test_one_kind_of_array_comes_out_of_any_that_goes_in(dtype: type) -> None:
         got = depth_to_mm(image, buffer)
         assert (got.dtype, got.shape, got.flags.c_contiguous, got.flags.writeable) == (np.uint16, (30, 40), True, False)
         np.testing.assert_array_equal(got, image * (1000 if dtype is np.float32 else 1))
+
+
+@pytest.mark.parametrize("dtype", [np.int16, np.uint32, np.float64])
+def test_other_kinds_of_arrays_are_refused(dtype: type) -> None:
+    """A cast would take a depth of 70 m for one of 4.5 m."""
+    with pytest.raises(ValueError, match=f"{np.dtype(dtype)}: expected uint16 millimetres or float32 metres"):
+        depth_to_mm(np.ones((30, 40), dtype), np.ones((30, 40), np.uint16))
 
 
 @pytest.mark.nojit
