@@ -166,6 +166,48 @@ def test_what_is_remembered_nearer_than_the_wall_wins_and_what_is_farther_does_n
 # ---- one of two blind -------------------------------------------------------------------------------------------------
 
 
+def obstacles(**distance_m: float) -> np.ndarray:
+    """(72,) m; s3=1.5: an obstacle at 1.5 m in sector 3, none in the others."""
+    out = NOTHING.copy()
+    for sector, m in distance_m.items():
+        out[int(sector[1:])] = m
+    return out
+
+
+def test_a_plane_behind_something_unmeasured_is_sent_to_ardupilot() -> None:
+    """Unknown is clear for it. The wall is put before the plane; at the edge of the view, sector 7, there is no wall."""
+    found = replace(scan([], AVOID), distance_m=obstacles(s2=5.0, s3=1.5, s7=5.0, s20=14.0))
+    assert (found.state == SectorState.UNSEEN).all()
+    values = BlindPolicy(AVOID).values(sight(found, seeing=FRONT), STOP, NS)
+    assert values is not None
+    assert values[[2, 3, 7]].tolist() == [212, 150, 500]
+    without = BlindPolicy(replace(AVOID, unseen="unknown")).values(sight(found, seeing=FRONT), STOP, NS)
+    assert without is not None
+    assert np.flatnonzero(without != UNKNOWN).tolist() == [2, 3, 7]
+    assert without[[2, 3, 7]].tolist() == [500, 150, 500]
+
+
+def test_what_is_remembered_without_the_way_to_it_stops_ardupilot_and_leaves_px4_unknown() -> None:
+    """Something nearer may be before it, and PX4 moves into a sector that has a value."""
+    remembered = Remembered(obstacles(s3=0.4, s20=5.0), NOTHING)
+    unseen = replace(sight(seeing=FRONT), recalled=remembered)
+    values = BlindPolicy(AVOID).values(unseen, STOP, NS)
+    assert values is not None
+    assert values[[3, 20]].tolist() == [40, 500]
+    values = BlindPolicy(AVOID).values(unseen, NOT_KNOWN, NS)
+    assert values is not None
+    assert values[[3, 20]].tolist() == [40, UNKNOWN]
+
+
+def test_px4_brakes_for_the_nearer_of_a_measured_and_a_remembered_obstacle_in_an_unseen_sector() -> None:
+    """A farther one is sent at the distance of the wall."""
+    found = replace(scan([], AVOID), distance_m=obstacles(s1=6.0, s2=6.0, s3=2.4))
+    unseen = replace(sight(found, seeing=FRONT), recalled=Remembered(obstacles(s2=2.5, s3=5.0, s4=5.0), NOTHING))
+    values = BlindPolicy(AVOID).values(unseen, Policy("brake", 3.02, all_around=True), NS)
+    assert values is not None
+    assert values[:6].tolist() == [UNKNOWN, 302, 250, 240, 302, UNKNOWN]
+
+
 def test_only_sectors_that_blind_cameras_alone_cover_are_filled() -> None:
     right = np.abs(SECTOR - 9) <= 7
     both = sight(front_seen(), blind=right, seeing=FRONT)
