@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -16,12 +18,14 @@ from core.stages import planes as pl
 from core.stages import priority_queue as pq
 from core.stages.openings import OpeningMasks
 from core.stages.settings import view_settings
-from core.stages.strips import ROUGH
-from core.stages.view_geometry import SOURCE
+from core.stages.strips import ROUGH, STRIP
+from core.stages.view_geometry import SOURCE, pooled_geometry, view_geometry
+from core.types import Intrinsics
 
 from . import naive
 from .columns import F, view
 from .tables import Strips, ends, line_through, plane_table
+from .views import INFO, level
 
 pytestmark = pytest.mark.nojit
 SEED = st.integers(0, 2**32 - 1)
@@ -190,9 +194,30 @@ def test_evidence_is_the_nearest_strip_of_a_cell() -> None:
     assert (grid[:5, :12] < 1.0).all()
 
 
-def image_of(width: int) -> np.ndarray:
-    """A record of SOURCE of an image 100 px high."""
-    return np.array([(width, 100, 1.0, 0.0, 15.0, 20.0, 0.3)], SOURCE)[0]
+def image_of(width: int, height: int = 100) -> np.ndarray:
+    """A record of SOURCE."""
+    return np.array([(width, height, 1.0, 0.0, 15.0, 20.0, 0.3)], SOURCE)[0]
+
+
+@pytest.mark.parametrize(("pitch", "roll"), [(0.0, 0.0), (0.4, 0.2), (-0.3, -0.7), (-0.9, 0.1)])
+@pytest.mark.parametrize("step", [1, 2])
+def test_cells_that_look_beyond_the_image_are_blocked(pitch: float, roll: float, step: int) -> None:
+    """step: columns that are pooled to one."""
+    k, R = Intrinsics(160, 120, 120.0, 110.0, 79.5, 55.0), level(pitch, roll)
+    full = view_geometry(replace(INFO, intrinsics=k), R, Params())
+    g = pooled_geometry(full, step)
+    found = evidence.find_evidence(np.zeros(1, STRIP), 0, g, image_of(k.width, k.height))
+    assert found.nearest.shape == (-(-g.cols // 8), -(-g.rows // 8))
+    outside = np.ones(found.nearest.shape, bool)
+    for (i, j), _ in np.ndenumerate(outside):
+        t, m = (i + 0.5 - found.cu) / found.across, (j + 0.5 - found.cv) / found.down
+        u, v = full.cu + full.f_px * t, full.cv + full.f_px * m
+        assert (u - 0.5 * (step - 1)) / step == pytest.approx(8 * i + 3.5)
+        assert v == pytest.approx(8 * j + 3.5)
+        at = naive.source_pixel(u, v, R, k, full.f_px, full.cu, full.cv)
+        outside[i, j] = at is None or not (-0.5 <= at[0] <= k.width - 0.5 and -0.5 <= at[1] <= k.height - 0.5)
+    assert not outside.all()
+    np.testing.assert_array_equal(found.nearest > 1e3, outside)
 
 
 @given(SEED, st.sampled_from([0.3, 0.6, 1.2]))
@@ -202,7 +227,7 @@ def test_what_a_joined_plane_covers_against_trying_every_square(seed: int, gap: 
     grid[rng.random(grid.shape) < rng.uniform(0.4, 0.95)] = 0.2
     grid[rng.random(grid.shape) < 0.1] = 0.1
     masks = (rng.random((6, *grid.shape)) < 0.02).astype(np.uint8)
-    frame = np.array([25.0, 25.0, 10.0, 8.0])
+    frame = np.array([rng.choice([25.0, 12.5]), 25.0, 10.0, 8.0])
     t0, t1, m0, m1 = *np.sort(rng.uniform(-0.5, 0.5, 2)), *np.sort(rng.uniform(-0.4, 0.4, 2))
     a, b = 0.2, float(rng.uniform(-0.01, 0.01))
     p = (t0, 0.5 * (t0 + t1), m0 / a, 0.5 * (m0 + m1) / a)
@@ -216,6 +241,28 @@ def test_what_a_joined_plane_covers_against_trying_every_square(seed: int, gap: 
     got = evidence.uncovered_share(*boxes, settings, cover)
     want = naive.uncovered_share(rect, a, b, p, q, settings.merge_distance_m, 0.005, gap, 0.1, grid, frame, masks[4])
     assert got == pytest.approx(want)
+
+
+@pytest.mark.parametrize("slack_m", [0.0, 0.25, 0.55])
+def test_an_open_cell_more_than_the_slack_inside_of_the_border_forbids_the_plane(slack_m: float) -> None:
+    """At 5 m, in cells of 0.2 m: columns 6 to 14 and rows 4 to 11 of the grid, of which the two planes have the corners."""
+    frame, settings = (25.0, 25.0, 10.0, 8.0), view_settings(view(), 0.0005, Params())[0]
+    settings.gap_m, settings.opening_slack_m = 100.0, slack_m
+    joined = evidence.Rectangle(-0.16, 0.2, -0.8, 0.8)
+    p, q = evidence.Rectangle(-0.16, -0.12, -0.8, -0.6), evidence.Rectangle(0.16, 0.2, 0.6, 0.8)
+    forbidden = np.zeros((20, 16), bool)
+    for i, j in np.ndindex(forbidden.shape):
+        masks = np.zeros((6, 20, 16), np.uint8)
+        masks[:, i, j] = 1
+        cells = evidence.Evidence(np.zeros((20, 16), np.float32), *frame)
+        cover = evidence.Cover(cells, OpeningMasks(masks, STEPS, *frame), np.zeros(18, np.int32))
+        share = evidence.uncovered_share(joined, 0.2, 0.0, p, q, settings, cover)
+        assert share in (1.0, 2.0)
+        forbidden[i, j] = share == 2.0
+    want, rim = np.zeros((20, 16), bool), {0.0: 0, 0.25: 1, 0.55: 3}[slack_m]
+    want[6 + rim : 15 - rim, 4 + rim : 12 - rim] = True
+    want[6, 4] = want[14, 11] = False
+    np.testing.assert_array_equal(forbidden, want)
 
 
 # ---- pairs ------------------------------------------------------------------------------------------------------
