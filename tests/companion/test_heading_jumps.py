@@ -142,6 +142,20 @@ def test_a_small_jump_is_detected_between_rare_attitudes(every_ms: int, jump_deg
         assert jumps.turned_rad == pytest.approx(math.radians(jump_deg))
 
 
+@pytest.mark.parametrize("sign", [-1.0, 1.0])
+@pytest.mark.parametrize(("rates", "limit_rad"), [((0.0, 2.0), 0.177), ((2.0, 2.0), 0.077), ((None, 2.0), 0.127)])
+def test_the_limit_of_a_turn_grows_with_the_change_of_the_rates(
+    rates: tuple[float | None, float], limit_rad: float, sign: float
+) -> None:
+    """In 0.1 s: 3 degrees, 0.025 rad by 10 rad/s2 and back, and half of the change by the time. One that is not known is
+    10 rad/s2. The turn that is expected is by the mean of the rates that are known."""
+    known = [rate for rate in rates if rate is not None]
+    turned_rad = 0.1 * sum(known) / len(known)
+    for jump_rad, jumped in ((limit_rad - 0.001, False), (limit_rad + 0.001, True)):
+        before, after = at(60_000, 1.0, rates[0]), at(60_100, 1.0 + turned_rad + sign * jump_rad, rates[1])
+        assert heading_jump_rad(before, after) == pytest.approx(sign * jump_rad if jumped else 0.0)
+
+
 @pytest.mark.parametrize("rate_rad_s", [71.0, 1e6, -1e200])
 @pytest.mark.parametrize("which", [0, 1, 2])
 def test_rates_that_nothing_flies_with_hide_no_jump(rate_rad_s: float, which: int) -> None:

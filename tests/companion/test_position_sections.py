@@ -60,6 +60,28 @@ def test_a_step_that_the_velocity_does_not_explain_begins_a_section(step: Vector
     assert numbers(sample(0, (0.0, 0.0, 0.0), velocity), sample(33, (0.13, 0.0, 0.0), velocity)) == [1, 1]
 
 
+@pytest.mark.parametrize(
+    ("velocity", "step_m", "sections"),
+    [(4.0, 0.95, 1), (4.0, 1.05, 2), (4.0, -0.95, 1), (4.0, -1.05, 2), (None, 3.4, 1), (None, 3.6, 2), (None, -3.6, 2)],
+)
+def test_the_limit_of_a_step_grows_with_the_time_between_two_positions(
+    velocity: float | None, step_m: float, sections: int
+) -> None:
+    """0.5 m, and in 0.1 s another 0.5 m, or 3 m without a velocity; long after the autopilot has started."""
+    speed = None if velocity is None else (velocity, 0.0, 0.0)
+    way_m = 0.0 if velocity is None else 0.1 * velocity
+    before, after = (7.0, 0.0, 0.0), (7.0 + way_m + step_m, 0.0, 0.0)
+    assert numbers(sample(60_000, before, speed), sample(60_100, after, speed)) == [1, sections]
+
+
+def test_the_present_section_begins_at_its_first_position() -> None:
+    sections = PositionSections()
+    assert sections.begins_ns == 0
+    for t_ms, north_m in ((60_000, 0.0), (60_100, 0.0), (60_200, 9.0), (60_300, 9.0)):
+        sections.take(sample(t_ms, (north_m, 0.0, 0.0)))
+    assert sections.begins_ns == 60_200 * MS
+
+
 def test_a_counted_reset_begins_a_section_and_a_late_position_changes_nothing() -> None:
     assert numbers(sample(0, (0.0, 0.0, 0.0)), sample(33, (0.0, 0.0, 0.0), counter=1)) == [1, 2]
     late = sample(10, (50.0, 0.0, 0.0))
