@@ -201,8 +201,9 @@ def test_an_attitude_after_a_gap_has_the_gap_and_one_before_it_has_not():
         ((still(0, None), still(140, None)), 160, Source.EXTRAPOLATED),
     ],
 )
-def test_what_is_bounded_is_dropped_with_its_cause(samples, t_ms, expected):
-    answer = synchroniser(*samples).attitude_at(t_ms * MS)
+@pytest.mark.parametrize("begin_ns", [0, 3600 * NS])
+def test_what_is_bounded_is_dropped_with_its_cause(samples, t_ms, expected, begin_ns):
+    answer = synchroniser(*(replace(s, t_ns=s.t_ns + begin_ns) for s in samples)).attitude_at(t_ms * MS + begin_ns)
     assert (answer if isinstance(answer, DropCause) else answer.source) is expected
 
 
@@ -252,6 +253,20 @@ def test_positions_are_interpolated_and_carried():
     assert carried.source is Source.EXTRAPOLATED
     assert carried.position_ned_m == pytest.approx((0.5, 1.0, -2.0))
     assert sync.pose_at(100 * MS).source is Source.EXACT
+
+
+@pytest.mark.parametrize("begin_ns", [0, 3600 * NS])
+def test_each_axis_of_a_position_is_interpolated_and_carried(begin_ns):
+    first = PoseSample(begin_ns, 0, (1.0, 5.0, -2.0), (4.0, -2.0, 1.0), 0)
+    second = PoseSample(begin_ns + 100 * MS, 0, (1.4, 4.0, -1.8), (4.0, -2.0, 1.0), 0)
+    sync = synchroniser(first, second)
+    between, after, before = (sync.pose_at(begin_ns + t_ms * MS) for t_ms in (25, 150, -50))
+    assert (between.source, between.distance_ns) == (Source.INTERPOLATED, 25 * MS)
+    assert between.position_ned_m == pytest.approx((1.1, 4.75, -1.95))
+    assert (after.source, after.distance_ns) == (Source.EXTRAPOLATED, 50 * MS)
+    assert after.position_ned_m == pytest.approx((1.6, 3.9, -1.75))
+    assert (before.source, before.distance_ns) == (Source.EXTRAPOLATED, 50 * MS)
+    assert before.position_ned_m == pytest.approx((0.8, 5.1, -2.05))
 
 
 @pytest.mark.parametrize(
