@@ -89,6 +89,29 @@ def message_seen_everywhere(found: SectorScan, autopilot: str) -> Any:
     return obstacle_distance_message(for_reader(values, AVOID, autopilot), 0, AVOID)
 
 
+@pytest.mark.parametrize(("beyond_m", "steps"), [(-0.1, None), (0.05, 0), (0.2, 0), (0.3, 1), (0.45, 1), (0.55, 2)])
+def test_free_space_reaches_to_the_last_sample_that_is_free(beyond_m: float, steps: int | None) -> None:
+    """Samples begin at near_m. beyond_m: free range less near_m; steps: from near_m on; None: nothing is free."""
+    found = scan([View(model(free_to_m=AVOID.near_m + beyond_m), HERE)], AVOID)
+    want_m = 0.0 if steps is None else AVOID.near_m + steps * AVOID.step_m
+    np.testing.assert_allclose(found.free_m, want_m)
+
+
+def test_the_heights_of_the_band_are_the_middles_of_its_slices() -> None:
+    avoid = replace(AVOID, slices=4, band_above_m=1.0, band_below_m=0.6)
+    heights: set[float] = set()
+
+    def recall(x: np.ndarray, y: np.ndarray, z: np.ndarray) -> np.ndarray:
+        heights.update(np.round(z, 6).tolist())
+        return np.zeros(len(x), bool)
+
+    found = scan(
+        [View(model(free_to_m=13.0, view_deg=72.0), HERE)], avoid, recall
+    )  # two thirds of the sectors at its border
+    assert heights == {-0.8, -0.4, 0.0, 0.4}
+    assert found.state[0] == SectorState.CLEAR
+
+
 @pytest.mark.parametrize(
     ("ends_m", "to_deg", "ends_at", "state"),
     [
