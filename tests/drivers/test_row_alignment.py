@@ -62,8 +62,17 @@ def take(alignment: RowAlignment, rotation: RightRotation) -> bool:
     return alignment.take(images.left, alignment.rotation.turned(images.right, K), K)
 
 
-@pytest.mark.parametrize(("rows_px", "roll_deg"), [(0.0, 0.0), (0.3, 0.0), (-0.6, 0.1), (1.0, -0.1)])
-@pytest.mark.parametrize("scene", ["field", "field_with_trees"])
+@pytest.mark.parametrize(
+    ("scene", "rows_px", "roll_deg"),
+    [
+        ("field", 0.0, 0.0),
+        ("field", 0.3, 0.0),
+        ("field", -0.6, 0.1),
+        ("field", 1.0, -0.1),
+        ("field_with_trees", 0.0, 0.0),
+        ("field_with_trees", 1.0, -0.1),
+    ],
+)
 def test_the_rotation_of_the_right_camera_is_measured_to_a_twentieth_of_a_pixel(
     scene: str, rows_px: float, roll_deg: float
 ) -> None:

@@ -88,8 +88,7 @@ def ground_band(R_ned_optical: np.ndarray, least_deg: float, most_deg: float) ->
 
 
 @pytest.mark.parametrize("roll_deg", [0.0, 10.0])
-@pytest.mark.parametrize(("least_deg", "most_deg"), [(2.0, 4.0), (4.0, 10.0)])
-def test_a_slanted_surface_is_averaged_over_each_pixel(roll_deg: float, least_deg: float, most_deg: float) -> None:
+def test_a_slanted_surface_is_averaged_over_each_pixel(roll_deg: float) -> None:
     """The mean of 16 x 16 rays in each pixel. At 2 degrees a pixel is 29 times as long as it is wide."""
     n = 16
     fine = Intrinsics(n * K.width, n * K.height, n * K.fx, n * K.fy, n * (K.cx + 0.5) - 0.5, n * (K.cy + 0.5) - 0.5)
@@ -97,9 +96,10 @@ def test_a_slanted_surface_is_averaged_over_each_pixel(roll_deg: float, least_de
     rays, _ = radiance(grass(), fine, R_rolled, AT, Light(sky=CLEAR))
     mean = rays.reshape(K.height, n, K.width, n).mean(axis=(1, 3))
     left = pair_brightness(grass(), (), VIEW, R_rolled, AT, Light(sky=CLEAR)).left
-    band = ground_band(R_rolled, least_deg, most_deg)
-    assert left[band].std() == pytest.approx(mean[band].std(), rel=0.15)
-    assert np.corrcoef(left[band], mean[band])[0, 1] > 0.95
+    for least_deg, most_deg in ((2.0, 4.0), (4.0, 10.0)):
+        band = ground_band(R_rolled, least_deg, most_deg)
+        assert left[band].std() == pytest.approx(mean[band].std(), rel=0.15)
+        assert np.corrcoef(left[band], mean[band])[0, 1] > 0.95
 
 
 @pytest.mark.parametrize("roll_deg", [0.0, 10.0, -20.0])
