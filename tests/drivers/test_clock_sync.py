@@ -445,6 +445,28 @@ def test_a_step_that_lasts_is_followed() -> None:
     assert abs(errors[-1]) < 2 * MS
 
 
+def test_answers_are_used_again_from_the_one_that_confirms_a_step() -> None:
+    clock, link = ClockFilter(), Link(jitter_ns=MS)
+    run(link, clock, 5.0)
+    stepped, few = Link(jitter_ns=MS, boot_at_ns=link.boot_at_ns - 300 * MS, seed=2), clock.params.strange_exchanges
+    used = [stepped.exchange(clock, 5 * NS + k * NS // 10) for k in range(few + 2)]
+    assert used == [False] * (few - 1) + [True] * 3
+    assert not clock.doubted
+
+
+def test_a_contradiction_ends_with_the_answers_that_it_contradicts() -> None:
+    """After window_s without an answer the arrivals count alone."""
+    clock, link = ClockFilter(), Link(jitter_ns=MS)
+    run(link, clock, 5.0)
+    assert not clock.exchange(5 * NS, link.boot(5 * NS) + 300 * MS, 5 * NS + MS)
+    for k in range(5 * 62):
+        link.attitude(clock, 5 * NS + k * NS // 5)
+        if k < 5 * 59:
+            assert clock.doubted
+    assert clock.estimate.source is ClockSource.ENVELOPE
+    assert not clock.doubted
+
+
 def test_contradictions_that_disagree_with_each_other_are_no_step() -> None:
     clock, link = ClockFilter(), Link(jitter_ns=MS)
     run(link, clock, 5.0)
