@@ -80,6 +80,20 @@ def test_rows_without_contrast_may_repeat(grey: int) -> None:
     assert not any(verdicts([np.full((HEIGHT, WIDTH, 3), grey, np.uint8)] * 4))
 
 
+@pytest.mark.parametrize(
+    ("rows", "steps", "torn_too"), [(10, 60, False), (10, 120, True), (110, 200, False), (110, 400, True)]
+)
+def test_equal_rows_count_where_enough_of_their_pixels_show_something(rows: int, steps: int, torn_too: bool) -> None:
+    """100 steps at least, and of 110 rows 351: a hundredth of their pixels. The last row is black."""
+    dark = np.zeros((rows - 1, WIDTH), np.uint8)
+    dark.reshape(-1)[1 : 3 * (steps // 2) : 3] = 10  # single pixels, two steps each
+    images = [view(0), view(1)]
+    for image in images:
+        image[HEIGHT - rows :] = 0
+        image[HEIGHT - rows : -1] = dark[..., None]
+    assert verdicts(images) == [False, torn_too]
+
+
 def test_the_first_image_is_torn_where_its_buffer_is_still_empty() -> None:
     """Bytes that were lost in the middle shift all that follows, in both eyes alike: it matches at the wrong place."""
     empty = cv2.cvtColor(np.zeros((HEIGHT, WIDTH, 2), np.uint8), cv2.COLOR_YUV2BGR_YUYV)

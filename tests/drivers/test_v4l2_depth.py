@@ -140,6 +140,15 @@ def test_buffers_that_are_always_filled_in_part_name_the_causes() -> None:
         source.read(0.0)
 
 
+def test_a_whole_buffer_ends_the_number_of_those_filled_in_part() -> None:
+    source, stream = opened()
+    for k in range(3 * MOST_IN_A_ROW):
+        stream.fill(buffer(k) if k % MOST_IN_A_ROW == MOST_IN_A_ROW - 1 else short(k))
+    frame = source.read(0.0)
+    assert frame is not None
+    assert frame.sequence == 3 * MOST_IN_A_ROW - 1
+
+
 def test_an_unplugged_device_is_lost() -> None:
     source, stream = opened()
     stream.fill(OSError(errno.ENODEV, "No such device"))
