@@ -82,8 +82,8 @@ def tracker_messages(states: NamedStates) -> list[pb.TrackerState]:
             views=s.views,
             position_jump_ns=s.position_jump_ns,
             heading_jump_ns=s.heading_jump_ns,
-            lost_from_ns=s.lost_from_ns,
-            lost_to_ns=s.lost_to_ns,
+            lost_from_ns=[from_ns for from_ns, _ in s.losses],
+            lost_to_ns=[to_ns for _, to_ns in s.losses],
         )
         for camera, s in states
     ]
@@ -104,8 +104,7 @@ def trackers_from_message(message: pb.StateSnapshot) -> NamedStates:
             reset_counter=m.reset_counter,
             position_jump_ns=m.position_jump_ns,
             heading_jump_ns=m.heading_jump_ns,
-            lost_from_ns=m.lost_from_ns,
-            lost_to_ns=m.lost_to_ns,
+            losses=tuple(zip(m.lost_from_ns, m.lost_to_ns, strict=True)),
             origin_m=(m.origin_m.x, m.origin_m.y, m.origin_m.z),
             velocity_m_s=(m.velocity_x_m_s, m.velocity_y_m_s),
             slots=m.slots,

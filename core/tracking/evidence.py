@@ -9,6 +9,7 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 from ..jit import inner, kernel
+from .losses import lost_ns
 from .observed import (
     CLEAR,
     EXPLAINED,
@@ -25,7 +26,7 @@ from .observed import (
 )
 from .shrinking import shrink
 from .snapshot import S_DETECTED, S_HIDDEN, S_MISSED, S_NEW, S_OUT_OF_VIEW
-from .tables import MEMORY_HITS, RATE_STEP, lost_ns
+from .tables import MEMORY_HITS, RATE_STEP
 from .vertical_limits import share_in_view, vertical_limits
 
 NEW_HITS = 3
@@ -53,11 +54,11 @@ class Observed(NamedTuple):
 
 class Memory(NamedTuple):
     """How long a cell is kept without an observation. most_ns: `memory_s` of the parameters; most_lost_ns: that without a
-    position, of the time in lost, a LostPosition."""
+    position; losses: of `loss_table`."""
 
     most_ns: Any
     most_lost_ns: Any
-    lost: Any
+    losses: Any
 
 
 @kernel
@@ -140,7 +141,7 @@ def is_too_old(c, share, t_ns, memory):
     """Whether a cell that has this share of the memory, a Memory, is forgotten."""
     if t_ns - c.seen_ns > max(_LEAST_MEMORY_NS, share * memory.most_ns):
         return True
-    return lost_ns(memory.lost, c.seen_ns) > max(_LEAST_MEMORY_NS, share * memory.most_lost_ns)
+    return lost_ns(memory.losses, c.seen_ns) > max(_LEAST_MEMORY_NS, share * memory.most_lost_ns)
 
 
 @inner

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from ..jit import inner, kernel
 from .line import EDGE_ON, along, offset, variance_at
+from .losses import lost_ns
 from .snapshot import MovingObject, TrackSnapshot
-from .tables import lost_ns
 
 NS = 1_000_000_000
 BEHIND_M = 0.1
@@ -37,10 +37,11 @@ _COLUMNS = [
 
 
 class MarginGrowth(NamedTuple):
-    """Margins grow by speed_error_m_s for each second of `lost`, a LostPosition, since the newest observation."""
+    """Margins grow by speed_error_m_s for each second without a position since the newest observation. losses: of
+    `loss_table`."""
 
     speed_error_m_s: Any
-    lost: Any
+    losses: Any
 
 
 def snapshot_of(
@@ -83,7 +84,7 @@ def columns_of(tracks, t_ns, growth, eye):
         planes[n, 5] = max(t.bottom_m, eye[2] + share * (t.bottom_m - eye[2]))
         unseen = t_ns - t.seen_ns
         margin_m[n] = t.margin_m + max(0.0, excess - nearer)
-        margin_m[n] += growth.speed_error_m_s * lost_ns(growth.lost, t.seen_ns) / NS
+        margin_m[n] += growth.speed_error_m_s * lost_ns(growth.losses, t.seen_ns) / NS
         sigma_m[n] = math.sqrt(max(0.0, variance_at(t, 0.5 * (t.s0_m + t.s1_m))))
         confidence[n] = t.hit_rate * (1.0 - 0.5 ** min(t.hits, 60))
         ids[n], state[n], hits[n] = t.id, t.state, t.hits

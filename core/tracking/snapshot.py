@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from ..codes import Code
 from ..types import FrameModel
+from .losses import Losses
 
 STATE_VERSION = 6
 """Of the layout of the tracker's tables; to be raised when it changes."""
@@ -112,9 +113,10 @@ class TrackerState:
 
     version: of the tables' layout; next_id, next_object_id: of the next track and moving object. last_ns: of the newest frame,
     None: none; positioned, reset_counter, origin_m: of that frame, see TrackingFrame; position_jump_ns, heading_jump_ns: first
-    stamp after the newest jump of the vehicle's estimate that is in the place of the tracks, 0: none; lost_from_ns, lost_to_ns:
-    of the LostPosition; velocity_m_s: of the vehicle, horizontal. slots: int32 slot of each of N tracks; tracks: (N,) TRACK; cells: (N, CELLS) CELL; objects: OBJECT;
-    history: float64, earlier places of the objects; views: earlier free ranges, each of `core.free_view.view_bytes`."""
+    stamp after the newest jump of the vehicle's estimate that is in the place of the tracks, 0: none; losses: of the position;
+    velocity_m_s: of the vehicle, horizontal. slots: int32 slot of each of N tracks; tracks: (N,) TRACK; cells: (N, CELLS) CELL;
+    objects: OBJECT; history: float64, earlier places of the objects; views: earlier free ranges, each of
+    `core.free_view.view_bytes`."""
 
     version: int = STATE_VERSION
     next_id: int = 1
@@ -124,8 +126,7 @@ class TrackerState:
     reset_counter: int = 0
     position_jump_ns: int = 0
     heading_jump_ns: int = 0
-    lost_from_ns: int = 0
-    lost_to_ns: int = 0
+    losses: Losses = ()
     origin_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
     velocity_m_s: tuple[float, float] = (0.0, 0.0)
     slots: bytes = b""

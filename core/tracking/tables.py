@@ -87,20 +87,6 @@ class Exposure(NamedTuple):
     positioned: Any
 
 
-class LostPosition(NamedTuple):
-    """The newest time without a position. from_ns: exposure of the last frame with one before it; to_ns: of the first frame with
-    one after it, or of the newest frame."""
-
-    from_ns: Any
-    to_ns: Any
-
-
-@inner
-def lost_ns(lost, seen_ns):
-    """For how long an observation has been followed by frames without a position, ns. lost: LostPosition."""
-    return max(0, lost.to_ns - max(lost.from_ns, seen_ns))
-
-
 def empty_table(most: int) -> TrackTable:
     """A table of so many empty slots."""
     return TrackTable(np.zeros(most, TRACK), np.zeros((most, CELLS), CELL))

@@ -18,6 +18,7 @@ from .association import GATE, WIDE_GATE, Gate, assign, find_pairs
 from .ego_motion import common_shift
 from .evidence import Memory, collect_evidence
 from .groups import GROUP, find_groups
+from .losses import Losses, loss_table, shifted, with_loss, without_old
 from .movers import (
     HISTORY,
     OLD_S,
@@ -33,7 +34,7 @@ from .params import TrackingParams
 from .publish import MarginGrowth, snapshot_of
 from .snapshot import STATE_VERSION, TrackerState, TrackingFrame, TrackSnapshot
 from .splitting import split_tracks
-from .tables import CELL, CELLS, DETECTION, TRACK, Exposure, LostPosition, TrackTable, detections_of, empty_table
+from .tables import CELL, CELLS, DETECTION, TRACK, Exposure, TrackTable, detections_of, empty_table
 from .update import apply_detections, begin_frame
 
 NS = 1_000_000_000
@@ -109,8 +110,9 @@ class Tracker:
                 self._estimate_motion(detections, dt_s, frame.camera_m)
             self._associate(detections, frame, view)
         release_tracks(self._table.tracks, self._objects)
-        lost = self._lost_position(frame)
-        memory = Memory(round(self.params.memory_s * NS), round(self.params.memory_without_position_s * NS), lost)
+        memory_ns = round(self.params.memory_s * NS)
+        losses = without_old(self._losses(frame), frame.t_ns - memory_ns)
+        memory = Memory(memory_ns, round(self.params.memory_without_position_s * NS), loss_table(losses))
         collect_evidence(self._table, detections, view, frame.camera_m[2], frame.t_ns, memory)
         self._next_id, self._used, evicted = split_tracks(self._all, len(self._table.tracks), self._next_id, frame.t_ns)
         self._limit_table(0)
@@ -122,12 +124,11 @@ class Tracker:
             reset_counter=frame.reset_counter,
             position_jump_ns=max(self._state.position_jump_ns, frame.position_jump_ns),
             heading_jump_ns=max([self._state.heading_jump_ns, *(at_ns for at_ns, _ in frame.heading_jumps)]),
-            lost_from_ns=lost.from_ns,
-            lost_to_ns=lost.to_ns,
+            losses=losses,
             origin_m=frame.origin_m,
         )
         self._keep_view(view, frame)
-        growth = MarginGrowth(self.params.speed_error_m_s, lost)
+        growth = MarginGrowth(self.params.speed_error_m_s, memory.losses)
         snapshot = snapshot_of(self._table.tracks, self._objects, frame.t_ns, growth, frame.camera_m)
         return replace(
             snapshot,
@@ -135,14 +136,12 @@ class Tracker:
             evicted=self.counts["tracks_evicted"] - before["tracks_evicted"],
         )
 
-    def _lost_position(self, frame: TrackingFrame) -> LostPosition:
-        """The newest time without a position, after a frame."""
+    def _losses(self, frame: TrackingFrame) -> Losses:
+        """The losses of the position after a frame."""
         s = self._state
-        if s.last_ns is None:
-            return LostPosition(frame.t_ns, frame.t_ns)
-        if frame.positioned and s.positioned:
-            return LostPosition(s.lost_from_ns, s.lost_to_ns)
-        return LostPosition(s.last_ns if s.positioned else s.lost_from_ns, frame.t_ns)
+        if s.last_ns is None or (frame.positioned and s.positioned):
+            return s.losses
+        return with_loss(s.losses, s.last_ns, frame.t_ns)
 
     def _limit_table(self, detections: int) -> None:
         """Limits the table to the slots in use and as many as the detections of a frame can need. Slots are taken from the
@@ -164,8 +163,7 @@ class Tracker:
         self._state = replace(
             self._state,
             last_ns=last_ns + step_ns,
-            lost_from_ns=self._state.lost_from_ns + step_ns,
-            lost_to_ns=self._state.lost_to_ns + step_ns,
+            losses=shifted(self._state.losses, step_ns),
             position_jump_ns=frame.position_jump_ns,
             heading_jump_ns=max([at_ns for at_ns, _ in frame.heading_jumps], default=0),
         )

@@ -8,6 +8,7 @@ import math
 import numpy as np
 import pytest
 
+from core.tracking.losses import MOST_LOSSES
 from core.tracking.snapshot import TrackingFrame, TrackSnapshot
 from core.tracking.tables import CELL_M, coarsen, empty_table, make_room
 from core.tracking.tracker import Tracker
@@ -164,6 +165,51 @@ def test_a_position_that_returns_does_not_make_the_place_of_a_track_exact() -> N
     assert s.margin_m - before.margin_m == pytest.approx(SMALL.speed_error_m_s * 1.0)
     s = tracker.observe(frame([POST], 50))
     assert s.margin_m == pytest.approx(before.margin_m, abs=0.01)
+
+
+def test_all_losses_since_the_newest_detection_count() -> None:
+    """Two losses, of 1.0 and 0.2 s from the last position before them to the first one after them."""
+    tracker = observed_post()
+    before = turned_away(tracker, range(20, 25))
+    turned_away(tracker, range(25, 34), positioned=False)
+    turned_away(tracker, range(34, 50))
+    turned_away(tracker, range(50, 51), positioned=False)
+    s = turned_away(tracker, range(51, 60))
+    assert s.margin_m - before.margin_m == pytest.approx(SMALL.speed_error_m_s * 1.2)
+    restored = Tracker(SMALL, tracker.state())
+    after, again = turned_away(tracker, range(60, 61)), turned_away(restored, range(60, 61))
+    assert again.margin_m.tolist() == after.margin_m.tolist()
+
+
+def test_a_loss_before_the_newest_detection_does_not_count() -> None:
+    tracker = observed_post()
+    turned_away(tracker, range(20, 35), positioned=False)
+    before = tracker.observe(frame([POST], 35))
+    s = turned_away(tracker, range(36, 45))
+    s = turned_away(tracker, range(45, 46), positioned=False)
+    assert s.margin_m - before.margin_m == pytest.approx(SMALL.speed_error_m_s * STEP / NS, abs=0.01)
+
+
+def test_a_position_in_every_second_frame_only_is_no_position() -> None:
+    """No step from frame to frame is measured: the track is forgotten as without a position."""
+    tracker, most = observed_post(), round(10 * SMALL.memory_without_position_s)
+    for k in range(20, 20 + most):
+        s = turned_away(tracker, range(k, k + 1), positioned=k % 2 == 1)
+    assert s.margin_m == pytest.approx(SMALL.speed_error_m_s * 0.1 * most, abs=0.2)
+    assert len(turned_away(tracker, range(20 + most, 21 + most), positioned=False).ids) == 0
+
+
+def test_many_losses_are_never_counted_as_less() -> None:
+    params = dataclasses.replace(SMALL, memory_s=120.0, memory_without_position_s=30.0)
+    tracker, losses = Tracker(params), 3 * MOST_LOSSES
+    for k in range(20):
+        tracker.observe(frame([POST], k))
+    before = turned_away(tracker, range(20, 25))
+    for n in range(losses):
+        turned_away(tracker, range(25 + 10 * n, 26 + 10 * n), positioned=False)
+        s = turned_away(tracker, range(26 + 10 * n, 35 + 10 * n))
+    assert s.margin_m - before.margin_m >= SMALL.speed_error_m_s * 0.2 * losses - 1e-3
+    assert len(tracker.state().losses) == MOST_LOSSES
 
 
 @pytest.mark.parametrize("positioned", [True, False])

@@ -667,9 +667,9 @@ class TrackerState(_message.Message):
     views: _containers.RepeatedScalarFieldContainer[bytes]
     position_jump_ns: int
     heading_jump_ns: int
-    lost_from_ns: int
-    lost_to_ns: int
-    def __init__(self, camera: _Optional[str] = ..., format: _Optional[int] = ..., next_id: _Optional[int] = ..., next_object_id: _Optional[int] = ..., last_ns: _Optional[int] = ..., positioned: bool = ..., reset_counter: _Optional[int] = ..., origin_m: _Optional[_Union[Vector3, _Mapping]] = ..., velocity_x_m_s: _Optional[float] = ..., velocity_y_m_s: _Optional[float] = ..., slots: _Optional[bytes] = ..., tracks: _Optional[bytes] = ..., cells: _Optional[bytes] = ..., objects: _Optional[bytes] = ..., history: _Optional[bytes] = ..., views: _Optional[_Iterable[bytes]] = ..., position_jump_ns: _Optional[int] = ..., heading_jump_ns: _Optional[int] = ..., lost_from_ns: _Optional[int] = ..., lost_to_ns: _Optional[int] = ...) -> None: ...
+    lost_from_ns: _containers.RepeatedScalarFieldContainer[int]
+    lost_to_ns: _containers.RepeatedScalarFieldContainer[int]
+    def __init__(self, camera: _Optional[str] = ..., format: _Optional[int] = ..., next_id: _Optional[int] = ..., next_object_id: _Optional[int] = ..., last_ns: _Optional[int] = ..., positioned: bool = ..., reset_counter: _Optional[int] = ..., origin_m: _Optional[_Union[Vector3, _Mapping]] = ..., velocity_x_m_s: _Optional[float] = ..., velocity_y_m_s: _Optional[float] = ..., slots: _Optional[bytes] = ..., tracks: _Optional[bytes] = ..., cells: _Optional[bytes] = ..., objects: _Optional[bytes] = ..., history: _Optional[bytes] = ..., views: _Optional[_Iterable[bytes]] = ..., position_jump_ns: _Optional[int] = ..., heading_jump_ns: _Optional[int] = ..., lost_from_ns: _Optional[_Iterable[int]] = ..., lost_to_ns: _Optional[_Iterable[int]] = ...) -> None: ...
 
 class RunInfo(_message.Message):
     __slots__ = ("schema_version", "software", "config_json", "packages", "processor", "source", "changed_safety_keys", "changed_expert_keys")
