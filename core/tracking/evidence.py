@@ -26,7 +26,7 @@ from .observed import (
 )
 from .shrinking import shrink
 from .snapshot import S_DETECTED, S_HIDDEN, S_MISSED, S_NEW, S_OUT_OF_VIEW
-from .tables import MEMORY_HITS, RATE_STEP
+from .tables import MEMORY_HITS, RATE_STEP, clear_cell
 from .vertical_limits import share_in_view, vertical_limits
 
 NEW_HITS = 3
@@ -93,7 +93,7 @@ def collect_evidence(table, detections, view, eye_z, t_ns, memory):
             share = memory_share(t, c, place, seen, frame)
             needed = max(_LEAST_FREE_FRAMES, min(_MOST_FREE_FRAMES, c.hits))
             if c.against >= 2 * needed or is_too_old(c, share, t_ns, memory):
-                c.hits = 0
+                clear_cell(table, j, k)
                 removed += 1
         if t.seen_ns != t_ns and best >= EXPLAINED:
             t.hit_rate -= RATE_STEP * t.hit_rate
@@ -151,7 +151,7 @@ def remove_gap(table, j):
     removed = 0
     for k in range(table.tracks[j].cells):
         if table.cells[j, k].hits > 0 and not table.cells[j, k].measured:
-            table.cells[j, k].hits = 0
+            clear_cell(table, j, k)
             removed += 1
     return removed
 

@@ -83,6 +83,23 @@ def test_a_track_that_is_split_in_a_full_table_loses_only_its_gap(observed: bool
     assert np.abs(parts["s0_m"]).max() == np.abs(parts["s1_m"]).max() == 1.5
 
 
+def test_what_removed_a_cell_is_no_evidence_against_its_next_observation() -> None:
+    """The middle of a wall is removed while the full table keeps the wall whole; a frame then observes the wall again."""
+    tracker, whole = Tracker(TrackingParams(most_tracks=64)), wall(9.0, -4.0, 9.0, 4.0)
+    posts = [wall(3.0 + 0.05 * k, -3.1 + 0.1 * k, 3.0 + 0.05 * k, -3.05 + 0.1 * k) for k in range(63)]
+    parts = [wall(9.0, -4.0, 9.0, -1.0), wall(9.0, 1.0, 9.0, 4.0)]
+    for k in range(12):
+        walls = [whole] if k < 5 else parts
+        s = tracker.observe(planes_of([*walls, *posts], walls, k))
+        assert (len(s.ids), s.evicted) == (64, 0)
+    tracks, cells = tracker._all
+    middle = cells[int(np.argmax(tracks["s1_m"] - tracks["s0_m"])), 7:10]
+    assert (middle["hits"] == 0).all()
+    tracker.observe(planes_of([whole, *posts], [whole], 12))
+    assert (middle["hits"] == 1).all()
+    assert (middle["against"] == 0).all()
+
+
 def test_a_full_table_says_what_it_leaves_out_and_what_it_removes() -> None:
     tracker = Tracker(TrackingParams(most_tracks=64))
     walls = [wall(3.0 + 1.5 * k, -1.5, 3.0 + 1.5 * k, 1.5) for k in range(80)]
