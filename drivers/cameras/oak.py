@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from core.types import CameraInfo, DepthFrame, Intrinsics
 
 from ..base import BadData, DeviceLost, DeviceNotFound
+from .bounded_close import close_within
 from .clock_correction import SPAN_NS, ClockCorrection
 from .depth_alignment import DepthAlignment
 from .device_matches import confirmed_depth
@@ -88,7 +89,8 @@ class OakSource:
 
     def open(self) -> None:
         """Boots the device, waits for its first frame, which contains the intrinsics, measures the rows of the first images, and compares
-        what they state about their view. Raises DeviceNotFound, DeviceLost and BadData; a partially opened device is closed."""
+        what they state about their view. Raises DeviceNotFound, DeviceLost and BadData; a partially opened device is closed, which is
+        awaited for at most CLOSE_S."""
         self._correction.take(time.monotonic_ns())
         self._rows = self._alignment()
         self._depth_alignment = DepthAlignment(self.settings.camera)
@@ -103,7 +105,7 @@ class OakSource:
             check_view(images, self.settings.camera)
             self._waiting = self._frame(message)
         except Exception:
-            self.close()
+            close_within(self.close)
             raise
 
     @property

@@ -9,6 +9,7 @@ from typing import Any, Protocol
 
 from ..base import DeviceNotFound
 from ..optional_library import install_command
+from .bounded_close import close_within
 from .device_matches import needs_images
 from .oak_calibration import baseline_m
 from .oak_devices import find_device
@@ -191,7 +192,7 @@ def start_pipeline(settings: OakSettings, device: Any) -> DeviceLink:
     try:
         return DeviceLink(settings, device)
     except Exception:
-        device.close()
+        close_within(device.close)
         raise
 
 
