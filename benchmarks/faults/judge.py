@@ -27,8 +27,6 @@ AGAIN_SECTORS = 3
 BORDER_DEG = 8.0
 """Sectors whose middle is farther inside a view are in it as a whole, also for a camera beside the middle of the vehicle. Of those
 at its border a part is not seen: to PX4 they are unknown, to ArduPilot open (docs/explanation/failsafe.md)."""
-DISPLACES = "attitude repeated"
-"""The fault that displaces everything until it is noticed: places are not judged for BLIND_NS from its begin."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,12 +58,9 @@ class Judge:
         inner_m = loop.field.nearest_m(state, INSIDE_DEG)
         whole_m = loop.field.nearest_m(state, 0.5 * STEP_DEG)
         agreeing = 0
-        displaced = any(
-            f.name == DISPLACES and f.begin_ns <= loop.flown_ns <= f.begin_ns + BLIND_NS for f in self.faults
-        )
         for sector, value in enumerate(values):
             near_m = float(inner_m[sector])
-            judged = not displaced and bool(viewers(loop, sector, BORDER_DEG))
+            judged = bool(viewers(loop, sector, BORDER_DEG))
             if value == clear_cm:
                 self.clear += 1
                 agreeing += 1

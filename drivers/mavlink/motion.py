@@ -63,7 +63,7 @@ class MotionDecoder:
         self._local_ns: int | None = None
         self._locals_since = 0  # the newest ODOMETRY
         self._repeats = {kind: RepeatedAttitude() for kind in (ATTITUDE_ID, ATTITUDE_QUATERNION_ID)}
-        self._repeated_ns: int | None = None  # arrival of the newest attitude that was refused as a repetition
+        self._repeated_ns: int | None = None  # arrival of the newest attitude of a kind that repeats itself
         self.counts: Counter[LinkAnomaly] = Counter()
 
     def wants(self, message_id: int, arrival_ns: int) -> bool:
@@ -104,12 +104,14 @@ class MotionDecoder:
         return UNKNOWN_DELAY_NS if bound_ns is None else max(1, bound_ns)
 
     def _repeats_itself(self, kind: int, boot_ns: int, numbers: tuple[float, ...], arrival_ns: int) -> bool:
-        """Takes an attitude that is used otherwise; returns whether it must not be used because its kind repeats itself."""
-        repeated = self._repeats[kind].take(boot_ns, numbers[:-3], numbers[-3:])
-        if repeated:
+        """Takes an attitude that is used otherwise; returns whether it must not be used because it repeats the one before, or its
+        kind repeats itself."""
+        repeats = self._repeats[kind]
+        refused = repeats.take(boot_ns, numbers[:-3])
+        if repeats.repeated:
             self._repeated_ns = arrival_ns
-            self.counts[LinkAnomaly.ATTITUDE_REPEATED] += 1
-        return repeated
+        self.counts[LinkAnomaly.ATTITUDE_REPEATED] += refused
+        return refused
 
     def attitude_repeated(self, now_ns: int) -> bool:
         """Returns whether attitudes arrive that are refused because they repeat an earlier one."""

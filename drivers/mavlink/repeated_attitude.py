@@ -3,24 +3,23 @@
 The estimator of a vehicle never gives the same angles twice: its gyroscopes have noise, and float32 resolves 0.00001 degrees. In
 recordings of PX4, ArduSub and ArduCopter (SITL, on the ground too) none of 30,000 messages repeats the angles of the one
 before. Repeated angles are those of an earlier time. ArduPilot stamps ATTITUDE with the time of sending, so that it repeats while its estimator
-does not run (`mavlink_delay_cb`), and a relay may send the newest message again with a stamp of its own. PX4 sends an
-attitude only when there is a new one."""
+does not run (`mavlink_delay_cb`), and between two attitudes of an external one, which gives 50 a second (EAHRS_RATE). A relay
+may send the newest message again with a stamp of its own. PX4 sends an attitude only when there is a new one."""
 
 from __future__ import annotations
 
-import math
 from collections import deque
 from typing import Final
 
 NS: Final = 1_000_000_000
+UPDATE_NS: Final = NS // 40
+"""For this time after a message its angles may be sent again: an external estimator gives new ones every 20 ms or sooner."""
 WINDOW_NS: Final = NS
-"""Repetitions are counted for this time. So long the attitude must change with every message until it is used again."""
+"""Later repetitions are counted for this time. So long there must be none until the attitude is used again."""
 LONGEST_NS: Final = NS // 10
-"""Sum of the times between equal messages within the window from which on the attitude is not used."""
-LARGEST_TURN_RAD: Final = math.radians(0.5)
-"""The same for the turn that the body rates state for these times."""
+"""Sum of the times between counted repetitions and the messages before them within the window from which on no attitude is used."""
 FEWEST: Final = 2
-"""Equal messages in the window: one alone is no evidence."""
+"""Counted repetitions in the window: one alone is no evidence."""
 REBOOT_NS: Final = NS
 """A stamp that lies so far back is of an autopilot that has rebooted."""
 
@@ -28,41 +27,38 @@ Numbers = tuple[float, ...]
 
 
 class RepeatedAttitude:
-    """Takes the messages of one kind in order of arrival. repeated: whether the newest attitude must not be used."""
+    """Takes the messages of one kind in order of arrival. repeated: whether none of the newest attitudes must be used, also where the
+    angles differ from those before."""
 
     def __init__(self) -> None:
         self.repeated = False
         self._angles: Numbers = ()
         self._newest_ns = 0  # stamp
-        self._repeats: deque[tuple[int, int, float]] = (
-            deque()
-        )  # stamp, time since the message before, turn by the rates
+        self._first_ns = 0  # stamp of the first message in a row with the newest angles
+        self._repeats: deque[tuple[int, int]] = deque()  # counted: stamp, time since the message before
 
-    def take(self, boot_ns: int, angles: Numbers, rates_rad_s: Numbers) -> bool:
-        """Takes a message; returns `repeated`. A copy with the same stamp and one that arrives late change nothing.
+    def take(self, boot_ns: int, angles: Numbers) -> bool:
+        """Takes a message; returns whether it must not be used: it has the angles of the one before, or `repeated`. A copy with
+        the same stamp and one that arrives late change nothing.
 
         Args:
             boot_ns: its timestamp.
-            angles: Euler angles or quaternion as received.
-            rates_rad_s: body rates as received."""
+            angles: Euler angles or quaternion as received."""
         if self._angles and self._newest_ns - REBOOT_NS < boot_ns <= self._newest_ns:
-            return self.repeated
+            return self.repeated or (angles == self._angles and boot_ns > self._first_ns)
         since_ns = boot_ns - self._newest_ns
-        if angles == self._angles and since_ns > 0:
-            rate_rad_s = math.hypot(*rates_rad_s)
-            self._repeats.append((boot_ns, since_ns, rate_rad_s * since_ns / NS if math.isfinite(rate_rad_s) else 0.0))
+        same = angles == self._angles and since_ns > 0
+        if not same:
+            self._first_ns = boot_ns
+        elif boot_ns - self._first_ns > UPDATE_NS:
+            self._repeats.append((boot_ns, since_ns))
         self._angles, self._newest_ns = angles, boot_ns
         while self._repeats and not 0 <= boot_ns - self._repeats[0][0] < WINDOW_NS:
             self._repeats.popleft()
         self.repeated = self._judge()
-        return self.repeated
+        return self.repeated or same
 
     def _judge(self) -> bool:
-        if not self._repeats:
-            return False
-        if self.repeated:
-            return True
-        return len(self._repeats) >= FEWEST and (
-            sum(since_ns for _, since_ns, _ in self._repeats) >= LONGEST_NS
-            or sum(turn_rad for _, _, turn_rad in self._repeats) >= LARGEST_TURN_RAD
-        )
+        if self.repeated or not self._repeats:
+            return bool(self._repeats)
+        return len(self._repeats) >= FEWEST and sum(since_ns for _, since_ns in self._repeats) >= LONGEST_NS

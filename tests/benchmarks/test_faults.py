@@ -65,7 +65,7 @@ def test_a_line_that_is_late_from_the_start_is_never_sent_as_clear(delay_s: floa
 def test_a_repeated_attitude_is_never_sent_as_clear(noticed: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     """The second case shows that the judge notices a service that uses it."""
     if not noticed:
-        monkeypatch.setattr("drivers.mavlink.repeated_attitude.FEWEST", 10**9)
+        monkeypatch.setattr("drivers.mavlink.repeated_attitude.RepeatedAttitude.take", lambda *_: False)
     judge = flown(PX4, [fault("attitude repeated", 3.0, 5.0, 1.5, repeats_attitude=True)], 7.5)
     assert (judge.violations == []) is noticed
 
