@@ -22,6 +22,7 @@ from core.types import AttitudeSample, CameraInfo, DepthFrame, PoseSample
 
 from ..base import DeviceLost, DeviceNotFound
 from ..mavlink.address import parse_address
+from ..mavlink.clock_sync import UNANSWERED_NS
 from ..mavlink.link import MavlinkLink
 from ..mavlink.session import MavlinkSession
 from ..mavlink.session_types import MavlinkParams
@@ -32,7 +33,8 @@ from .source import look
 NS = 1_000_000_000
 CAMERA_COMPONENT = 100
 """MAV_COMP_ID_CAMERA: not the companion's own id."""
-OPEN_S = 10.0
+OPEN_S = UNANSWERED_NS / NS + 4.0
+"""So long after the first one attitudes are not used where TIMESYNC is not answered."""
 STALE_NS = NS // 2
 """Without newer attitude and position for so long the camera gives no frame."""
 POLL_S = 0.002
