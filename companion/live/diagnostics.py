@@ -28,6 +28,10 @@ REPEATED_TEXT = (
     "autopilot does not run (during its start and calibration this ends by itself), or a relay repeats messages: look at "
     "the horizon in the ground station, reboot the autopilot, connect it without the relay"
 )
+UNUSED_TEXT = (
+    "attitudes arrive and are not used, because their time is not known: cameras are blind until the autopilot answers TIMESYNC in "
+    "time, without any answer for 10 s, after a late one for 60 s"
+)
 MIN_ATTITUDE_HZ = 10.0
 """Below this rate the attitudes before and after an exposure are 0.1 s or more apart: interpolation is inaccurate in a
 turn, and with [sync] max_gap_s = 0.15 a frame is dropped as soon as one attitude is lost."""
@@ -90,6 +94,8 @@ def _autopilot_diagnostics(view: AutopilotView | None) -> list[Diagnostic]:
     elif view.attitude_age_ns is None or view.attitude_age_ns > ATTITUDE_OLD_NS:
         age = "was never received" if view.attitude_age_ns is None else f"is {view.attitude_age_ns / NS:.1f} s old"
         text = f"the attitude {age}: the autopilot does not send it or the link is interrupted"
+        if view.link.attitude_hz > 0.0 and not view.link.stamps_used:
+            text = UNUSED_TEXT
         found.append(of(DiagnosticCode.ATTITUDE_STALE, text))
     found += _clock_diagnostics(view.link)
     return found

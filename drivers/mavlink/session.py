@@ -389,4 +389,5 @@ class MavlinkSession:
             signing_fault=self._signing.fault(now_ns, answered=answered),
             timesync_answered=self._timesync.synchronises(now_ns),
             attitude_repeated=self._motion.attitude_repeated(now_ns),
+            stamps_used=self.clock.usable,
         )

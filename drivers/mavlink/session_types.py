@@ -83,5 +83,7 @@ class LinkStatus:
     """The autopilot's answers to TIMESYNC are used, or it is too early to tell."""
     attitude_repeated: bool = False
     """The autopilot's attitudes are refused, because they repeat an earlier one with new timestamps."""
+    stamps_used: bool = True
+    """The autopilot's clock is known: samples are made of its messages of motion."""
     conflicts: dict[str, str] = field(default_factory=dict)
     """Topic -> what is wrong with others on the line, as text."""

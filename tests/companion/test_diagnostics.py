@@ -155,7 +155,11 @@ def test_doctor_names_what_sends_no_heartbeat(kind: str, remedy: str) -> None:
 
 
 def autopilot(
-    clock: ClockEstimate, answered: bool = True, attitude_age_ns: int | None = 0, repeated: bool = False
+    clock: ClockEstimate,
+    answered: bool = True,
+    attitude_age_ns: int | None = 0,
+    repeated: bool = False,
+    stamps_used: bool = True,
 ) -> AutopilotView:
     link = LinkStatus(
         vehicle=Vehicle(1, "PX4", 2, True, 0, S),
@@ -167,6 +171,7 @@ def autopilot(
         counts={},
         timesync_answered=answered,
         attitude_repeated=repeated,
+        stamps_used=stamps_used,
     )
     line = LinkState(open=True, error="", warning="", losses=0, alive_ns=S)
     return AutopilotView(address="udpin:0.0.0.0:14540", line=line, link=link, attitude_age_ns=attitude_age_ns)
@@ -184,6 +189,15 @@ def test_an_attitude_that_is_old_or_never_came_is_named(age_ns: int | None, text
     message = autopilot_message(view)
     assert message.HasField("attitude_age_ns") is (age_ns is not None)
     assert message.attitude_age_ns == (age_ns or 0)
+
+
+@pytest.mark.parametrize("age_ns", [None, 9 * S])
+def test_attitudes_that_wait_for_the_clock_are_not_called_missing(age_ns: int | None) -> None:
+    """For 10 s after a start without answers to TIMESYNC the report said that the autopilot sends none."""
+    view = autopilot(ClockEstimate(ClockSource.ENVELOPE), attitude_age_ns=age_ns, stamps_used=False)
+    found = [d.text for d in diagnostics_of([], view, None, "") if d.code is DiagnosticCode.ATTITUDE_STALE]
+    assert len(found) == 1
+    assert "arrive and are not used" in found[0]
 
 
 @pytest.mark.parametrize(("repeated", "code"), [(True, "attitude_repeated"), (False, "attitude_stale")])
