@@ -12,8 +12,8 @@ from collections import deque
 from typing import Final
 
 NS: Final = 1_000_000_000
-UPDATE_NS: Final = NS // 40
-"""For this time after a message its angles may be sent again: an external estimator gives new ones every 20 ms or sooner."""
+UPDATE_NS: Final = 35_000_000
+"""For this time after a message its angles may be sent again: an external estimator gives new ones every 20 ms, with jitter."""
 WINDOW_NS: Final = NS
 """Later repetitions are counted for this time. So long there must be none until the attitude is used again."""
 LONGEST_NS: Final = NS // 10

@@ -71,6 +71,20 @@ def test_attitudes_of_an_external_estimator_are_used_once() -> None:
         assert not detector.repeated
 
 
+@pytest.mark.parametrize("seed", range(5))
+def test_an_external_estimator_may_have_jitter_and_lose_messages(seed: int) -> None:
+    """50 estimates a second, 7 ms late at most, of which every tenth is lost, on a serial line from it to the autopilot."""
+    rng, detector = np.random.default_rng(seed), RepeatedAttitude()
+    arrivals_ms = np.arange(1000) * 20.0 + rng.uniform(0.0, 7.0, 1000)
+    arrivals_ms = arrivals_ms[rng.random(1000) > 0.1]
+    used = 0
+    for k in range(10, 1990):
+        estimate = int(np.searchsorted(arrivals_ms, k * 10.0))
+        used += not detector.take(k * 10 * MS, (0.01 * estimate, 0.0, 0.0))
+        assert not detector.repeated
+    assert used > 800
+
+
 @pytest.mark.parametrize("kind", [PX4, ARDUPILOT])
 def test_a_vehicle_with_a_slower_estimator_is_not_blind(kind: str) -> None:
     """Each attitude is sent up to twice."""
@@ -92,7 +106,7 @@ def test_no_repetition_is_used_until_all_are_refused() -> None:
     found = []
     for k in range(20):
         found.append(detector.take(k * 10 * MS, (0.1, 0.2, 0.3)))
-        assert detector.repeated is (k >= 12)
+        assert detector.repeated is (k >= 13)
     assert found == [k > 0 for k in range(20)]
 
 
@@ -140,7 +154,7 @@ def test_the_rule_by_its_definition(steps: list[tuple[int, bool]]) -> None:
     for since_ms, same in steps:
         stamp, angle = stamp + since_ms, angle if same else angle + 1.0
         first = first if same else stamp
-        if stamp - first > 25:
+        if stamp - first > 35:
             repeats.append((stamp, since_ms))
         within = [since for at, since in repeats if stamp - at < 1000]
         repeated = bool(within) and (repeated or (len(within) >= 2 and sum(within) >= 100))
