@@ -40,7 +40,7 @@ def video_identity(descriptor: int, devices: Path = DEVICES) -> VideoIdentity:
 
 def check_serial(camera: str, device: str, serial: str, found: VideoIdentity) -> None:
     """Raises BadData where the connected camera is not the configured one. serial: of the configuration; empty: any camera."""
-    if not serial or found.serial.lstrip("0") == serial.lstrip("0"):
+    if not serial or (found.serial and found.serial.lstrip("0") == serial.lstrip("0")):
         return
     stated = str(found) if found.serial else f"{str(found) or 'a camera'} without a serial number"
     raise BadData(

@@ -60,6 +60,13 @@ def test_the_configured_camera_is_accepted(serial: str) -> None:
     check_serial("front", "/dev/video0", serial, D435)
 
 
+def test_a_camera_without_a_serial_number_is_not_one_of_zeros() -> None:
+    """Some makers leave the number at zeros: it was equal to none."""
+    check_serial("front", "/dev/video0", "0000", replace(D435, serial="0000"))
+    with pytest.raises(BadData, match="without a serial number"):
+        check_serial("front", "/dev/video0", "0000", replace(D435, serial=""))
+
+
 @pytest.mark.parametrize(
     ("found", "text"),
     [
