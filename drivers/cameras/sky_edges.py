@@ -2,7 +2,7 @@
 
 An edge that is inclined by m (rows per column) lies m d rows apart at the same column of both images, where d is its disparity. The edge
 of the sky is far. The shift of its profile is measured to some hundredths of a pixel in each column, far better than an edge along the rows
-is matched, and is averaged along the edge."""
+is matched, and is averaged along the edge. Where it is greater than the profile, both profiles are not alike."""
 
 from __future__ import annotations
 
@@ -24,6 +24,8 @@ _STRAIGHT_ROWS, _MOST_ROWS = 3.0, 2.0
 _FAR_PX, _LEAST_ROWS, _LEAST_SLOPE = 2.0, 0.12, 0.03
 """An edge of at least this slope is near whose shift is more than that of so much disparity, by so many rows: rows of both images differ
 by some hundredths, and interpolation moves a level edge by more than a tenth in steps of one row."""
+_LEAST_CORRELATION = 0.6
+"""An edge of at least this slope is near too where its profiles in both images correlate by less: a shift of about 3 rows."""
 
 
 def columns_with_near_edge(even: Mask, left: Gray, right: Gray) -> Mask:
@@ -33,12 +35,16 @@ def columns_with_near_edge(even: Mask, left: Gray, right: Gray) -> Mask:
     below_border = ~even[_BORDER_ROWS:]
     row = np.where(below_border.any(axis=0), np.argmax(below_border, axis=0) + _BORDER_ROWS, 0)
     valid = (row >= _BORDER_ROWS + 2 * _ABOVE_ROWS) & (row < height - _BELOW_ROWS - 1)
-    shift = np.zeros(width)
-    shift[valid] = _shifts(left, right, row[valid], np.flatnonzero(valid))
+    one, other = _profiles(left, right, row[valid], np.flatnonzero(valid))
+    shift, products = np.zeros(width), np.zeros((3, width))
+    shift[valid] = np.clip(_shifts(one, other), -_MOST_ROWS, _MOST_ROWS)
+    products[:, valid] = _products(one, other)
     slope, straight = _slopes(row.astype(np.float64), valid)
-    mean = _along(np.clip(shift, -_MOST_ROWS, _MOST_ROWS) * valid) / np.maximum(_along(valid.astype(np.float64)), 1e-9)
-    near = straight & (np.abs(slope) >= _LEAST_SLOPE)
-    near &= mean * np.sign(slope) > _FAR_PX * np.abs(slope) + _LEAST_ROWS
+    mean = _along(shift) / np.maximum(_along(valid.astype(np.float64)), 1e-9)
+    both, of_one, of_other = (_along(p) for p in products)
+    apart = mean * np.sign(slope) > _FAR_PX * np.abs(slope) + _LEAST_ROWS
+    apart |= both < _LEAST_CORRELATION * np.sqrt(np.maximum(of_one * of_other, 0.0))
+    near = straight & (np.abs(slope) >= _LEAST_SLOPE) & apart
     reach = np.ones((1, _ALONG_PX), np.uint8)
     return np.asarray(cv2.dilate(near.view(np.uint8)[None, :], reach)[0]).view(np.bool_)
 
@@ -50,10 +56,21 @@ def _along(values: Floats) -> Floats:
     )
 
 
-def _shifts(left: Gray, right: Gray, row: NDArray[np.intp], column: NDArray[np.intp]) -> Floats:
-    """(N,) rows by which the profile around a row of a column lies lower in the right image. Both imagers need not be equally bright."""
+def _profiles(left: Gray, right: Gray, row: NDArray[np.intp], column: NDArray[np.intp]) -> tuple[Image, Image]:
+    """The profiles around a row of a column in both images, (rows, N) each."""
     rows = row + np.arange(-_ABOVE_ROWS - 1, _BELOW_ROWS + 1)[:, None]
     one, other = (cv2.GaussianBlur(i.astype(np.float32), (0, 0), 0.7)[rows, column] for i in (left, right))
+    return one, other
+
+
+def _products(one: Image, other: Image) -> Floats:
+    """(3, N) sums along profiles (rows, N), less their means: of the product of both, and of the squares of each."""
+    first, second = (np.asarray(p - p.mean(axis=0), np.float64) for p in (one, other))
+    return np.stack([(first * second).sum(axis=0), (first**2).sum(axis=0), (second**2).sum(axis=0)])
+
+
+def _shifts(one: Image, other: Image) -> Floats:
+    """(N,) rows by which the second profile (rows, N) lies lower than the first one. Both imagers need not be equally bright."""
     slope = 0.5 * (one[2:] - one[:-2])
     terms = np.stack([slope, one[1:-1], np.ones_like(slope)]).astype(np.float64)  # (3, rows, N)
     squares = np.einsum("irn,jrn->nij", terms, terms) + 1e-6 * np.eye(3)

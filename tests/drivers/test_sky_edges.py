@@ -38,6 +38,14 @@ def test_an_area_above_a_near_inclined_edge_is_no_sky(slope_deg: float, disparit
     assert sky_share(slope_deg, disparity_px) == 0.0
 
 
+@pytest.mark.parametrize(
+    ("slope_deg", "disparity_px"), [(8.0, 35.0), (-8.0, 60.0), (12.0, 20.0), (-12.0, 42.0), (12.0, 60.0), (20.0, 14.0)]
+)
+def test_an_edge_that_leaves_the_profile_is_near(slope_deg: float, disparity_px: float) -> None:
+    """Shifted by 4 to 13 rows, the right image has no edge in the profile, or one half of it. The shift was measured as none."""
+    assert sky_share(slope_deg, disparity_px) == 0.0
+
+
 @pytest.mark.parametrize("slope_deg", [-8.0, -3.0, -1.0, 0.0, 1.0, 3.0, 8.0])
 @pytest.mark.parametrize(("rows_apart", "bright"), [(0.0, 1.0), (0.1, 1.0), (-0.1, 1.0), (0.0, 1.03)])
 def test_the_sky_above_a_far_edge_stays(slope_deg: float, rows_apart: float, bright: float) -> None:
