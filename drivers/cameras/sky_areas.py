@@ -16,19 +16,21 @@ Mask = NDArray[np.bool_]
 _BORDER_ROWS = 8
 """An area that begins within so many rows of the upper border reaches it."""
 _LEAST_AREA_PX, _LEAST_OUTLINE_PX = 400, 24
-"""Pixels of an area, and pixels of the outline between two areas."""
-_OUTLINE_PX, _STEP_GREY = 48, 4.0
-"""Greatest width of an outline with its marks, pixels; and least step of brightness across it beyond the greatest slope of a sky."""
+"""Pixels of an area that are as bright in the right image, and pixels of the outline between two areas."""
+_MARKS_PX, _STEP_GREY = 8, 4.0
+"""Pixels from what is near to the marks of an outline; and least step of brightness across it beyond the greatest slope of a sky."""
 _SAME_END, _BESIDE = 24, 4
 """Two areas end at the same height where their lowest rows differ by at most the width of the image over the first number, looked for
 within its width over the second one."""
 
 
-def ambiguous_sky(even: Mask, near: Mask, left: Gray, slope_grey: float) -> Mask:
+def ambiguous_sky(even: Mask, smooth_left: Mask, near: Mask, left: Gray, slope_grey: float) -> Mask:
     """(H, W) smooth pixels of areas that reach the upper border, of which one at least is no sky. even: (H, W) whether a pixel is smooth;
-    near: whether a pixel shows that something is near; left: (H, W) uint8; slope_grey: greatest change of grey per pixel of a sky."""
-    _, labels, stats, _ = cv2.connectedComponentsWithStats(even.view(np.uint8), connectivity=4)
-    reaches = (stats[:, cv2.CC_STAT_TOP] < _BORDER_ROWS) & (stats[:, cv2.CC_STAT_AREA] >= _LEAST_AREA_PX)
+    smooth_left: the same, whatever the right image shows; near: whether a pixel shows that something is near; left: (H, W) uint8;
+    slope_grey: greatest change of grey per pixel of a sky."""
+    _, labels, stats, _ = cv2.connectedComponentsWithStats(smooth_left.view(np.uint8), connectivity=4)
+    area_px = np.bincount(labels[even], minlength=len(stats))
+    reaches = (stats[:, cv2.CC_STAT_TOP] < _BORDER_ROWS) & (area_px >= _LEAST_AREA_PX)
     reaches[0] = False
     if not reaches.any():
         return np.zeros_like(even)
@@ -43,20 +45,21 @@ def ambiguous_sky(even: Mask, near: Mask, left: Gray, slope_grey: float) -> Mask
 
 def _separated(
     labels: NDArray[np.int32], reaches: Mask, near: Mask, left: Gray, slope_grey: float
-) -> tuple[NDArray[np.int32], NDArray[np.intp]]:
+) -> tuple[NDArray[np.int64], NDArray[np.intp]]:
     """(pairs of areas (N, 2), pixels of the near outline with a step of brightness between both (N,)). reaches: of each area."""
     width = labels.shape[1]
     columns = np.arange(width, dtype=np.int16)[None, :]
     inside = reaches[labels]
     before = np.maximum.accumulate(np.where(inside, columns, np.int16(-1)), axis=1)
     after = np.minimum.accumulate(np.where(inside, columns, np.int16(2 * width))[:, ::-1], axis=1)[:, ::-1]
-    v, u = np.nonzero(near & (before >= 0) & (after - before <= _OUTLINE_PX))
+    beside = cv2.dilate(near.view(np.uint8), np.ones((1, 2 * _MARKS_PX + 1), np.uint8)).view(np.bool_)
+    v, u = np.nonzero(beside & ~inside & (before >= 0) & (after < width))
     one, other = before[v, u].astype(np.intp), after[v, u].astype(np.intp)
     mean = cv2.boxFilter(left, cv2.CV_32F, (5, 5))
     step = np.abs(mean[v, one] - mean[v, other]) > _STEP_GREY + slope_grey * (other - one)
-    found = np.stack([labels[v, one], labels[v, other]], axis=1)[step]
-    pairs, counts = np.unique(np.sort(found, axis=1), axis=0, return_counts=True)
-    return pairs, counts
+    found = np.sort(np.stack([labels[v, one], labels[v, other]])[:, step].astype(np.int64), axis=0)
+    keys, counts = np.unique(found[0] * len(reaches) + found[1], return_counts=True)
+    return np.stack(np.divmod(keys, len(reaches)), axis=1), counts
 
 
 def _ends_beside(labels: NDArray[np.int32], stats: NDArray[np.int32], a: int, b: int) -> bool:

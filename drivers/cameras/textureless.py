@@ -215,7 +215,8 @@ def mark_unmeasured(
     even, shifted = smooth_and_shifted(left, right, edge, limits)
     even &= ~matched
     even[:, columns_with_near_edge(even, left, right)] = False
-    even &= ~ambiguous_sky(even, shifted | (disparity >= BACKGROUND_PX), left, limits.slope_grey)
+    near = shifted | (disparity >= BACKGROUND_PX)
+    even &= ~ambiguous_sky(even, even | (shifted & ~matched), near, left, limits.slope_grey)
     marks = np.where(even, np.uint16(TEXTURELESS_MM), np.uint16(UNKNOWN_MM))
     marks[edge & judged(left, limits)] = TEXTURED_MM
     marks[continued(matched, even, left, limits)] = CONTINUED_MM

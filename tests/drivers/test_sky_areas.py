@@ -49,6 +49,16 @@ def test_a_near_blank_slab_that_ends_at_the_horizon_is_no_sky(bottom: int, shift
     assert sky_share(marks, 20, 180) == 0.0
 
 
+@pytest.mark.parametrize("shift", [14, 28, 60])
+@pytest.mark.parametrize("grey", [60.0, 130.0, 165.0])
+def test_a_nearer_slab_is_no_sky_either(shift: int, grey: float) -> None:
+    """Beside its outline each image shows another surface over as many columns as the disparity. A step of 15 grey levels was compared
+    with the slope of a sky over all of them, and an outline of more than 48 columns was none."""
+    marks = marks_of((200, WIDTH + 20, 0, HORIZON), grey, shift)
+    assert sky_share(marks, 220, WIDTH - 20) == 0.0
+    assert sky_share(marks, 20, 180) == 0.0
+
+
 @pytest.mark.parametrize(
     ("thing", "grey", "shift"),
     [
