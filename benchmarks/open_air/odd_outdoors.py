@@ -223,6 +223,19 @@ def _railing(d: Draft) -> None:
 
 
 OUTDOORS: dict[str, Callable[[Draft], None]] = {
-    "cable": _cable, "roof": _roof, "awning": _awning, "sign": _sign, "gantry": _gantry, "balloon": _balloon, "leg": _leg, "fog": _fog,
-    "gains": _gains, "blur": _blur, "wet": _wet, "sunset": _sunset, "faint": _faint, "behind": _behind, "railing": _railing,
-}  # fmt: skip
+    "cable": _cable,
+    "roof": _roof,
+    "awning": _awning,
+    "sign": _sign,
+    "gantry": _gantry,
+    "balloon": _balloon,
+    "leg": _leg,
+    "fog": _fog,
+    "gains": _gains,
+    "blur": _blur,
+    "wet": _wet,
+    "sunset": _sunset,
+    "faint": _faint,
+    "behind": _behind,
+    "railing": _railing,
+}
