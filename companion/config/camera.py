@@ -161,7 +161,7 @@ class CameraConfig:
     mark_smooth: bool = switch(
         False,
         'zed, match_on = "host" and rendered stereo: mark unmeasured pixels whose image is smooth, which `[open_sky]` '
-        "needs; 16 ms a frame",
+        "needs; 25 ms a frame",
         safety=True,
     )
     confidence: int = critical(
