@@ -29,8 +29,8 @@ REPEATED_TEXT = (
     "the horizon in the ground station, reboot the autopilot, connect it without the relay"
 )
 UNUSED_TEXT = (
-    "attitudes arrive and are not used, because their time is not known: cameras are blind until the autopilot answers TIMESYNC in "
-    "time, without any answer for 10 s, after a late one for 60 s"
+    "attitudes arrive and are not used, because their time is not known: cameras are blind until the autopilot answers TIMESYNC "
+    "within 0.5 s; where it does not answer, for 10 s; where an answer was late, for 60 s after it. Check the link if this lasts"
 )
 MIN_ATTITUDE_HZ = 10.0
 """Below this rate the attitudes before and after an exposure are 0.1 s or more apart: interpolation is inaccurate in a

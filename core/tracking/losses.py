@@ -12,7 +12,7 @@ MOST_LOSSES = 8
 
 Losses = tuple[tuple[int, int], ...]
 """The losses of the position, the oldest first: exposure of the last frame with a position before each, and of the first one with
-a position after it, or of the newest frame, ns. A position in every second frame only is none: one loss."""
+a position after it, or of the newest frame, ns. With a position in every second frame only, all of the time is one loss."""
 
 
 def with_loss(losses: Losses, from_ns: int, to_ns: int) -> Losses:

@@ -245,8 +245,9 @@ class ClockFilter:
     @property
     def usable(self) -> bool:
         """Whether stamps may be used: the clock is synchronised, or no answer has come for UNANSWERED_NS and the arrivals of
-        KNOWN_SECONDS are known, after which those of a further second have begun. A slow answer shows that all arrivals may be delayed by more than
-        UNKNOWN_DELAY_NS: they are not used until the clock is synchronised, or no answer was slow for window_s."""
+        KNOWN_SECONDS are known, after which those of a further second have begun. A slow answer shows that all arrivals may
+        be delayed by more than UNKNOWN_DELAY_NS: they are not used until the clock is synchronised, or no answer was slow for
+        window_s."""
         source = self.estimate.source
         if source is ClockSource.TIMESYNC:
             return True

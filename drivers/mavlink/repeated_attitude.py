@@ -2,9 +2,10 @@
 
 The estimator of a vehicle never gives the same angles twice: its gyroscopes have noise, and float32 resolves 0.00001 degrees. In
 recordings of PX4, ArduSub and ArduCopter (SITL, on the ground too) none of 30,000 messages repeats the angles of the one
-before. Repeated angles are those of an earlier time. ArduPilot stamps ATTITUDE with the time of sending, so that it repeats while its estimator
-does not run (`mavlink_delay_cb`), and between two attitudes of an external one, which gives 50 a second (EAHRS_RATE). A relay
-may send the newest message again with a stamp of its own. PX4 sends an attitude only when there is a new one."""
+before. Repeated angles are those of an earlier time. ArduPilot stamps ATTITUDE with the time of sending, so that it repeats
+while its estimator does not run (`mavlink_delay_cb`), and between two attitudes of an external one, which gives 50 a second
+(EAHRS_RATE). A relay may send the newest message again with a stamp of its own. PX4 sends an attitude only when there is a
+new one."""
 
 from __future__ import annotations
 

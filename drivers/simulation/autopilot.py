@@ -38,9 +38,9 @@ _MOST_HZ = {PX4: 1000.0, ARDUPILOT: 250.0}
 _LOOK_NS = 1_000_000
 """Time between two calls of `due` while a message is held back, because the attitude is hidden or the autopilot is silent."""
 
-
 _ANGLE_NOISE_RAD = 1e-5
 """The angles of an estimator are never equal to those before: companions refuse repeated ones."""
+
 _SYS_STATUS, _PROXIMITY = 1, 1 << 26
 _VERSIONS = {PX4: (1, 16, 0), ARDUPILOT: (4, 6, 2)}
 _VERSION_REQUESTS = ((_REQUEST_MESSAGE, _AUTOPILOT_VERSION), (_REQUEST_CAPABILITIES, 1))

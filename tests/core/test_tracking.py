@@ -48,6 +48,20 @@ def with_margin(f: TrackingFrame, margin_m: float) -> TrackingFrame:
     return dataclasses.replace(f, model=dataclasses.replace(f.model, margin_m=margins))
 
 
+def with_planes(f: TrackingFrame, planes: list[list[float]], flags: list[int]) -> TrackingFrame:
+    """The frame with these planes instead of its own; its free ranges remain."""
+    n = len(planes)
+    model = dataclasses.replace(
+        f.model,
+        planes=np.array(planes, np.float32).reshape(-1, 6),
+        support_px=np.full(n, 50, np.int32),
+        margin_m=np.full(n, 0.05, np.float32),
+        flags=np.array(flags, np.uint8),
+        cluster=np.zeros(n, np.int32),
+    )
+    return dataclasses.replace(f, model=model)
+
+
 def without_position(f: TrackingFrame) -> TrackingFrame:
     """The same frame as a vehicle without a position has it: its own place is the origin."""
     x, y, z = f.camera_m

@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import math
 
-import numpy as np
 import pytest
 
 from core.tracking.losses import MOST_LOSSES
@@ -14,26 +13,12 @@ from core.tracking.tables import CELL_M, coarsen, empty_table, make_room
 from core.tracking.tracker import Tracker
 from core.types import FreeEnd, PlaneFlags
 
-from .test_tracking import POST, SMALL, STEP, WALL, distance, frame, without_position
+from .test_tracking import POST, SMALL, STEP, WALL, distance, frame, with_planes, without_position
 from .worlds import NS, wall
 
 pytestmark = pytest.mark.nojit
 MEASURED, GAP = int(PlaneFlags.UNKNOWN_BEHIND), int(PlaneFlags.INFERRED)
 ASIDE = math.radians(90.0)
-
-
-def with_planes(f: TrackingFrame, planes: list[list[float]], flags: list[int]) -> TrackingFrame:
-    """The frame with these planes instead of its own; its free ranges remain."""
-    n = len(planes)
-    model = dataclasses.replace(
-        f.model,
-        planes=np.array(planes, np.float32).reshape(-1, 6),
-        support_px=np.full(n, 50, np.int32),
-        margin_m=np.full(n, 0.05, np.float32),
-        flags=np.array(flags, np.uint8),
-        cluster=np.zeros(n, np.int32),
-    )
-    return dataclasses.replace(f, model=model)
 
 
 # ---- filled gaps ----------------------------------------------------------------------------------------------------

@@ -11,7 +11,7 @@ import pytest
 from core.tracking.snapshot import TrackingFrame
 from core.tracking.tracker import Tracker
 
-from .test_tracking import POST, SMALL, STEP, WALL, distance, frame, without_position
+from .test_tracking import POST, SMALL, STEP, WALL, distance, frame, with_planes, without_position
 from .worlds import NS, wall
 
 pytestmark = pytest.mark.nojit
@@ -21,17 +21,7 @@ BACK = wall(12.0, -9.0, 12.0, 9.0)
 
 def planes_of(planes: list[list[float]], walls: list[list[float]], k: int, flags: int = 2) -> TrackingFrame:
     """Frame k with these planes and the free ranges before `walls`."""
-    f = frame(walls, k)
-    n = len(planes)
-    model = dataclasses.replace(
-        f.model,
-        planes=np.array(planes, np.float32).reshape(-1, 6),
-        support_px=np.full(n, 50, np.int32),
-        margin_m=np.full(n, 0.05, np.float32),
-        flags=np.full(n, flags, np.uint8),
-        cluster=np.zeros(n, np.int32),
-    )
-    return dataclasses.replace(f, model=model)
+    return with_planes(frame(walls, k), planes, [flags] * len(planes))
 
 
 def settled(walls: list[list[float]], frames: int = 20) -> Tracker:
