@@ -118,8 +118,9 @@ proto: $(STAMP) ## the Python code of the message schema
 lock: ## rewrite the lock files from pyproject.toml and .ci/constraints.txt (needs the network)
 	@bash .ci/make-lock
 
-config-docs: $(STAMP) ## rewrite the tables of docs/reference/configuration.md from the parameters
+config-docs: $(STAMP) ## rewrite the tables of docs/reference/configuration.md and diagnostics.md from the code
 	@$(BIN)/python -m companion.config.docs docs/reference/configuration.md
+	@$(BIN)/python -m companion.live.diagnostic_docs docs/reference/diagnostics.md
 
 clean: ## delete the environment and what demo and tests left (compiled kernels: ~/.cache/osape-companion)
 	rm -rf $(VENV) .numba-cache demo-out bench-out build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis .coverage

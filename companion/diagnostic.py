@@ -9,7 +9,8 @@ from osape_client.proto import osape_v1_pb2 as pb
 
 
 class DiagnosticCode(Code):
-    """The codes of `osape.v1.Diagnostic` and their meaning; listed in docs/reference/diagnostics.md."""
+    """The codes of `osape.v1.Diagnostic` and their meaning. `companion.live.diagnostic_docs` has the remedies and writes
+    docs/reference/diagnostics.md."""
 
     STARTING = "starting", "the service is starting; nothing is detected yet"
     THREAD_STALLED = "thread_stalled", "a thread of the service has ended or does not respond"

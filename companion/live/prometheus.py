@@ -26,7 +26,7 @@ Sample = tuple[dict[str, str], float]
 def metrics_text(report: pb.Health) -> str:
     """The report in Prometheus' text format. An unknown value has no sample."""
     lines: list[str] = []
-    for name, kind, meaning, samples in _families(report):
+    for name, kind, meaning, samples in families(report):
         if samples:
             lines += _family_lines(name, kind, meaning, samples)
             if name in OLD_NAMES:
@@ -43,8 +43,8 @@ def _family_lines(name: str, kind: str, meaning: str, samples: list[Sample]) -> 
     ]
 
 
-def _families(h: pb.Health) -> Iterator[tuple[str, str, str, list[Sample]]]:
-    """Name, type, meaning and samples of each metric."""
+def families(h: pb.Health) -> Iterator[tuple[str, str, str, list[Sample]]]:
+    """Name, type, meaning and samples of each metric; without samples where a value is unknown."""
     states: list[Sample] = [({"state": state}, float(h.state == value)) for value, state in STATES.items()]
     yield "state", "gauge", "1 for the present state", states
     yield "diagnostics", "gauge", "Number of active diagnostics", [({}, float(len(h.diagnostics)))]

@@ -13,8 +13,10 @@ from google.protobuf.internal.enum_type_wrapper import EnumTypeWrapper
 from companion.autopilot.conflict_codes import CONFLICT_CODES
 from companion.cameras.status import CameraCondition
 from companion.diagnostic import Diagnostic, DiagnosticCode
+from companion.live.diagnostic_docs import DOCTOR_ONLY, REMEDIES, TABLES, with_tables
 from companion.live.health import latency_message
 from companion.live.message_json import message_json
+from companion.live.prometheus import families
 from companion.pipeline.encode import prisms_message
 from companion.pipeline.latency import LatencyStage
 from companion.pipeline.results import PrismsResult
@@ -28,6 +30,8 @@ from drivers.mavlink.anomalies import LinkAnomaly
 from drivers.mavlink.conflicts import RECENT_NS, ConflictDetector
 from osape_client.decode import cause_code
 from osape_client.proto import osape_v1_pb2 as pb
+
+from .test_status import report
 
 DOCS = Path(__file__).resolve().parents[2] / "docs" / "reference"
 NOTHING = {"UNKNOWN", "NONE"}
@@ -84,11 +88,34 @@ def test_every_code_is_documented_in_a_table(kind: Any) -> None:
     assert {str(code) for code in kind if code} - rows == set()
 
 
-def test_every_diagnostic_is_documented_with_its_text_and_a_remedy() -> None:
-    page = (DOCS / "diagnostics.md").read_text(encoding="utf-8")
-    section = page[page.index("## Diagnostic codes") : page.index("## Causes of frames")]
-    rows = dict(re.findall(r"^\| `(\w+)` \| ([^|]+) \| [^|]+ \|$", section, re.MULTILINE))
-    assert {code.value: rows.get(code.value) for code in DiagnosticCode} == {c.value: c.text for c in DiagnosticCode}
+def test_the_page_holds_the_tables_of_the_codes() -> None:
+    text = (DOCS / "diagnostics.md").read_text(encoding="utf-8")
+    assert text == with_tables(text), "run `make config-docs`"
+    with pytest.raises(ValueError, match="needs the lines"):
+        with_tables(text.replace("<!-- table: metrics -->", ""))
+
+
+def test_every_diagnostic_has_one_remedy() -> None:
+    documented = [code for remedies in REMEDIES.values() for code in remedies]
+    assert sorted(documented) == sorted(DiagnosticCode)
+    assert all(remedy for remedies in REMEDIES.values() for remedy in remedies.values())
+
+
+def test_the_codes_that_only_doctor_reports_are_marked() -> None:
+    package = DOCS.parents[1] / "companion"
+    users: dict[str, set[str]] = {}
+    for file in package.rglob("*.py"):
+        for name in re.findall(r"\bDiagnosticCode\.([A-Z_]+)\b", file.read_text(encoding="utf-8")):
+            users.setdefault(name, set()).add(file.relative_to(package).parts[0])
+    assert {name for name, parts in users.items() if parts == {"doctor"}} == {code.name for code in DOCTOR_ONLY}
+
+
+def test_the_table_of_metrics_names_each_label() -> None:
+    table = TABLES["metrics"]()
+    named = set(re.findall(r"^\| `(\w+)` \|", table, re.MULTILINE))
+    assert named == {name for name, _, _, _ in families(report())}
+    assert "| `latency_seconds` | `stage`, `quantile` |" in table
+    assert "| `camera_condition` | `camera`, `condition` |" in table
 
 
 def test_a_code_of_another_version_stands_for_itself() -> None:

@@ -1,0 +1,259 @@
+"""The tables of docs/reference/diagnostics.md, made from the codes themselves (`make config-docs`)."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
+from typing import Final
+
+from core.codes import Code
+from core.types import InvalidCause
+from drivers.mavlink.anomalies import LinkAnomaly
+from osape_client.proto import osape_v1_pb2 as pb
+
+from ..diagnostic import DiagnosticCode as D
+from ..pipeline.sync import DropCause
+from ..self_check.exposure_offset import STATE_TEXTS
+from .prometheus import OLD_NAMES, families
+
+REMEDIES: Final[Mapping[str, Mapping[D, str]]] = {
+    "Service": {
+        D.STARTING: "wait; without compiled kernels a start takes minutes",
+        D.THREAD_STALLED: "the watchdog ends the service; send the log",
+        D.SERVICE_UNREACHABLE: "`systemctl status osape-companion`; run the command as a user who may read the socket",
+        D.RESEARCH_MODE: "update the service",
+    },
+    "Cameras": {
+        D.NO_CAMERA_CONFIGURED: "add a `[[camera]]`",
+        D.NOT_A_LIVE_CAMERA: "set another `kind`, see [connect a camera](../how-to/connect-a-camera.md)",
+        D.CAMERA_UNAVAILABLE: "check cable and power; the text names the cause, see [conditions](#camera-conditions)",
+        D.OPTIONAL_CAMERA_UNAVAILABLE: "the same",
+        D.CAMERA_FEW_MEASURED: "check the lens cap, the light, and that objects are farther than `min_range_m`",
+        D.CAMERA_RATE_LOW: (
+            "less than 80 % of `fps` for 3 s: use USB 3; no other program may use the camera; automatic exposure in poor "
+            "light can lower the rate. `doctor` after one frame only: more time (`--patience`)"
+        ),
+        D.CAMERA_MISALIGNED: (
+            "calibrate it with its maker's tool, or use the calibration file of its serial number "
+            "([rows](../explanation/stereo-depth.md#rows-of-both-images))"
+        ),
+        D.TEMPLATE_INTRINSICS: "set the values of your camera",
+        D.INTRINSICS_DIFFER: "set the values, or download the file, that the text names",
+        D.EXPOSURE_TIME_OFFSET: (
+            "the offset is above 4 ms and three standard deviations: set `exposure_offset_ms`, see "
+            "[how-to](../how-to/measure-exposure-offset.md)"
+        ),
+    },
+    "Mount and ground": {
+        D.MOUNT_ERROR: (
+            "correct `roll_deg`, `pitch_deg`: [check in operation](../how-to/calibrate-the-mount.md#check-in-operation)"
+        ),
+        D.MOUNT_DEGRADED: "the same",
+        D.MOUNT_UNVERIFIED: "turn the vehicle by 45 degrees or more with ground in view",
+        D.MOUNT_YAW_ERROR: "correct `yaw_deg`",
+        D.GROUND_SLOPE_LIMIT: "steep terrain or wrong mount: look at the `mount` line of `status`",
+        D.GROUND_LOST: "after 1 s. A large inclined surface is in view: steep terrain or wrong mount",
+        D.GROUND_NEVER_SEEN: (
+            "after 300 valid frames with at least 90 % measured pixels: check the signs of `pitch_deg` and `roll_deg`, a "
+            "camera rotated by 90 or 180 degrees, and the attitude. No fault if only walls or sky are in view"
+        ),
+    },
+    "Link to the autopilot": {
+        D.NO_AUTOPILOT_CONFIGURED: "set `[autopilot] address`",
+        D.LINK_CLOSED: "check the name and the rights of the device, and whether another program uses the port",
+        D.LINK_SLOW: (
+            "use 921600 baud, or lower rates; check cable and flow control. TCP: check the network, and that the other "
+            "end reads"
+        ),
+        D.UDP_FLOOD: "find the sender; use a signed line",
+        D.SIGNING_FAULT: "compare the keys: [signing](../how-to/sign-the-mavlink-line.md)",
+        D.DUPLICATE_AUTOPILOT: (
+            "find the second sender; give each vehicle its own system id. Timestamps: also copies that arrive late by "
+            "another route"
+        ),
+        D.SEVERAL_VEHICLES: "set `[autopilot] system_id`",
+        D.DUPLICATE_OBSTACLE_SOURCE: (
+            'the "clear" of one overwrites the obstacle of the other: switch one off. Do not forward obstacles of another '
+            "vehicle"
+        ),
+        D.DUPLICATE_COMPONENT: "end the second instance of the service, or the other program with component 196",
+        D.SYSTEM_ID_MISMATCH: "correct `[autopilot] system_id`",
+        D.NO_HEARTBEAT: "check that the autopilot is on, the address, and the stream rate of the port",
+        D.ATTITUDE_STALE: (
+            'the attitude is older than 0.5 s: check the stream rate and the link. "arrive and are not used": '
+            "[the autopilot's clock is not known](../explanation/clock-synchronisation.md#the-autopilots-clock), as with "
+            "`no_timesync`"
+        ),
+        D.ATTITUDE_REPEATED: (
+            "during start and calibration of the autopilot: wait. Otherwise its estimator has stopped, or a relay repeats "
+            "messages: reboot it, connect it without the relay. A script or simulator that sends constant angles "
+            "(ArduPilot SITL with `AHRS_EKF_TYPE` 10) needs noise (0.00001 rad)"
+        ),
+        D.ATTITUDE_RATE_LOW: (
+            "below 10 Hz for 3 s, in `doctor` below 80 % of `attitude_hz` too: raise the stream rate of the port (ArduPilot "
+            "`SRn_EXTRA1`, newer `MAVn_EXTRA1`; PX4 `MAV_n_RATE`); another station may reset it; the line may be slow"
+        ),
+        D.NO_TIMESYNC: (
+            "all cameras are blind for 10 s after its first message. **Then do not fly**: a [delay of the line above 30 "
+            "ms](../explanation/clock-synchronisation.md#the-autopilots-clock) displaces obstacles in turns. Use MAVLink 2 "
+            "on that port; TIMESYNC must pass all routers in both directions"
+        ),
+        D.CLOCK_UNCERTAIN: (
+            "above 10 ms: the line is slow or full, or NTP corrects the clock of this computer. Use 921600 baud, or lower "
+            "rates; synchronise the clock before the flight. Until then [frames in fast turns are dropped]"
+            "(../explanation/clock-synchronisation.md#from-attitude-samples-to-a-frame)"
+        ),
+        D.AUTOPILOT_SAMPLES_LOST: "reduce the load of the computer or the frame rate",
+    },
+    "Obstacles for the autopilot, guard": {
+        D.AVOIDANCE_FAULT: "blind values are sent; send the log",
+        D.OBSTACLES_NOT_ACCEPTED: "correct what the text names: signatures, MAVLink 1, parameters",
+        D.FLIGHT_MODE_UNPROTECTED: "expected in these [flight modes](../explanation/failsafe.md#flight-modes)",
+        D.PARAMETERS_UNKNOWN: "the autopilot does not answer PARAM_REQUEST_READ",
+        D.PARAMETER_ADVICE: "set the value that the text gives, or `companion doctor --apply`",
+        D.PARAMETER_CONTRADICTION: "find the second autopilot or ground station",
+        D.PARAMETERS_NOT_WRITTEN: "the text names the cause",
+        D.AVOID_MARGIN_UNKNOWN: "set `[avoid] avoid_margin_m` to the value of the vehicle",
+        D.NEVER_CLEAR: (
+            "PX4 does not move into it, ArduPilot is sent the artificial wall. The camera's range is shorter than "
+            "`[avoid] max_distance_m`, or its image does not cover the height band: the text gives the value to change"
+        ),
+        D.GUARD_UNAVAILABLE: (
+            "the text names the cause, see [when nothing is sent](../explanation/guard.md#when-nothing-is-sent)"
+        ),
+        D.GUARD_INTERVENES: "change the flight mode to take over",
+        D.GUARD_FAULT: "the service restarts; automatic modes are not stopped",
+    },
+    "Log, metrics, world, sharing, kernels": {
+        D.RECORDING_FAULT: "check the disk and the rights of the directory; obstacles are still detected and sent",
+        D.LOG_NOT_WRITABLE: "check the rights of `[record] folder`",
+        D.DISK_LOW: "less than `least_free_mb` and `queue_mb` is left, so that nothing is recorded",
+        D.METRICS_FAULT: "set another `[service] metrics_port`",
+        D.DEPTH_PREVIEW_FAULT: "viewers show no depth; nothing else is affected",
+        D.SIGNATURE_CLOCK_FAULT: "check the rights of the state folder; after a restart messages may be refused",
+        D.KEY_CHECK_FAULT: "restart the service",
+        D.WORLD_FAULT: "planners must not use the merged world; send the log",
+        D.WORLD_STALLED: "the same",
+        D.SHARE_FAULT: "the text names the cause, such as two vehicles with one number",
+        D.SHARE_LINK_CLOSED: "check the address and the configuration of zenoh",
+        D.SHARE_NO_FRAME: "`GPS_GLOBAL_ORIGIN` was not received: set `[share] origin`",
+        D.SHARE_NOT_AUTHENTICATED: "set a signing key, or users or TLS of zenoh",
+        D.KERNEL_CACHE_DAMAGED: "nothing to do: they are compiled again",
+        D.KERNELS_NOT_COMPILED: (
+            "set `NUMBA_CACHE_DIR` to a folder that this user may write, or correct the permissions of the folder that the "
+            "text names"
+        ),
+    },
+}
+"""Group -> code -> likely cause and remedy, Markdown. Each code once, in the order of the page."""
+
+DOCTOR_ONLY: Final = frozenset(
+    {
+        D.SERVICE_UNREACHABLE,
+        D.NOT_A_LIVE_CAMERA,
+        D.CAMERA_FEW_MEASURED,
+        D.INTRINSICS_DIFFER,
+        D.PARAMETERS_UNKNOWN,
+        D.PARAMETERS_NOT_WRITTEN,
+        D.LOG_NOT_WRITABLE,
+        D.DISK_LOW,
+        D.SHARE_NOT_AUTHENTICATED,
+        D.KERNEL_CACHE_DAMAGED,
+        D.KERNELS_NOT_COMPILED,
+    }
+)
+"""Codes that the service does not report."""
+
+
+def _table(head: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
+    titles = list(head)
+    lines = [[cell.replace("|", "\\|") for cell in row] for row in (titles, *rows)]
+    text = [f"| {' | '.join(line)} |" for line in lines]
+    return "\n".join([text[0], "|---" * len(titles) + "|", *text[1:]])
+
+
+def _diagnostics() -> str:
+    parts = []
+    for group, remedies in REMEDIES.items():
+        rows = [
+            (f"`{code}`", code.text + (" (`doctor` only)" if code in DOCTOR_ONLY else ""), remedy)
+            for code, remedy in remedies.items()
+        ]
+        parts.append(f"### {group}\n\n{_table(('code', 'meaning', 'likely cause, remedy'), rows)}")
+    return "\n\n".join(parts)
+
+
+def _causes() -> str:
+    kinds: tuple[type[Code], ...] = (InvalidCause, DropCause)
+    rows = [(code, code.text) for kind in kinds for code in kind if code]
+    camera = "no frame of the camera can be used; `cause_text` says why (live streams only)"
+    return _table(
+        ("code", "number", "meaning"),
+        [
+            (f"`{code}`", str(pb.Cause.Value(f"CAUSE_{code.upper()}")), text)
+            for code, text in [*rows, ("camera", camera)]
+        ],
+    )
+
+
+def _offsets() -> str:
+    rows = [
+        (f"`{state}`", str(pb.ExposureOffset.State.Value(f"STATE_{state.name}")), text)
+        for state, text in STATE_TEXTS.items()
+    ]
+    return _table(("code", "number", "meaning"), rows)
+
+
+def _anomalies() -> str:
+    return _table(("code", "counts"), [(f"`{code}`", code.text) for code in LinkAnomaly])
+
+
+def _metrics() -> str:
+    rows = []
+    for name, _kind, meaning, samples in families(_full_report()):
+        labels = ", ".join(f"`{label}`" for label in samples[0][0])
+        former = f"`{OLD_NAMES[name]}`" if name in OLD_NAMES else ""
+        rows.append((f"`{name}`", labels, meaning, former))
+    return _table(("metric (prefix `osape_`)", "labels", "meaning", "former name"), rows)
+
+
+def _full_report() -> pb.Health:
+    """A report in which each metric has a sample."""
+    report = pb.Health(frames_dropped={"no_attitude": 1})
+    report.diagnostics.add(code="link_closed")
+    report.cameras.add(camera="front", age_ns=1).exposure_offset.offset_ms = 1.0
+    report.autopilot.autopilot = "PX4"
+    report.autopilot.attitude_age_ns = 1
+    report.autopilot.clock.bound_ns = 1
+    report.autopilot.counts["unsigned"] = 1
+    report.latencies.add(stage="extract")
+    report.temperatures.add(sensor="cpu")
+    return report
+
+
+TABLES: Final[Mapping[str, Callable[[], str]]] = {
+    "diagnostics": _diagnostics,
+    "causes": _causes,
+    "offsets": _offsets,
+    "anomalies": _anomalies,
+    "metrics": _metrics,
+}
+
+
+def with_tables(text: str) -> str:
+    """The page with each part between `<!-- table: NAME -->` and `<!-- end -->` replaced.
+
+    Raises ValueError where the page lacks a part."""
+    for name, table in TABLES.items():
+        head, mark, rest = text.partition(f"<!-- table: {name} -->\n")
+        _, end, tail = rest.partition("\n<!-- end -->")
+        if not mark or not end:
+            raise ValueError(f"the document needs the lines <!-- table: {name} --> and <!-- end -->")
+        text = f"{head}{mark}{table()}{end}{tail}"
+    return text
+
+
+if __name__ == "__main__":
+    document = Path(sys.argv[1])
+    document.write_text(with_tables(document.read_text(encoding="utf-8")), encoding="utf-8")
