@@ -1,4 +1,4 @@
-"""The tables of docs/reference/limits.md that are measured by the fidelity section.
+"""The tables of docs/research/algorithm-measurements.md that are measured by the fidelity section.
 
 `python -m benchmarks.fidelity.limits` writes them from docs/research/benchmarks/limits.json. The fidelity section writes
 both."""
@@ -18,7 +18,7 @@ from benchmarks.fidelity.thin import STEP_M, THINGS, curve
 from benchmarks.hardware_info import CHECKOUT, Stamp
 
 FIGURES: Final = CHECKOUT / "docs/research/benchmarks/limits.json"
-PAGE: Final = CHECKOUT / "docs/reference/limits.md"
+PAGE: Final = CHECKOUT / "docs/research/algorithm-measurements.md"
 FAMILIES: Final = {"structured": "structured (walls, houses)", "unstructured": "unstructured (trees, rubble)"}
 TO_M: Final = (4, 8, 12, 16)
 
@@ -147,7 +147,7 @@ def fill(text: str, data: Figures) -> str:
 
 
 def main() -> int:
-    """Writes docs/reference/limits.md."""
+    """Writes docs/research/algorithm-measurements.md."""
     PAGE.write_text(fill(PAGE.read_text(), json.loads(FIGURES.read_text())))
     return 0
 

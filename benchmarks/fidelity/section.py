@@ -76,7 +76,7 @@ def _all_of(
     out: Path, base: Sequence[Row], seeds: Sequence[int], more: dict[str, list[Row]], command: str
 ) -> list[str]:
     """The tables of the base part and of the parts that vary one property, for these seeds. Writes out/fidelity.json,
-    and out/limits.json for the tables of docs/reference/limits.md."""
+    and out/limits.json for the tables of docs/research/algorithm-measurements.md."""
     jobs = os.cpu_count() or 1
     parts = {
         name: _run(name, list(part.make(seeds)), _settings(name, jobs))
@@ -148,7 +148,7 @@ def _things(out: Path, base: Sequence[Row]) -> list[str]:
         tables.openings_table(base),
         "## Thin things over range",
         "Kept: stopped within max(0.5 m, 2 sigma) of the truth, before or behind. Shares: "
-        "[known limits](../../reference/limits.md#thin-objects-width-range-noise).",
+        "[measured tables](../algorithm-measurements.md#thin-objects-width-range-noise).",
         "![Share of the rays of poles and wires that are kept, over range](fidelity_thin.png)",
     ]
 
@@ -230,7 +230,10 @@ def main(arguments: list[str] | None = None) -> int:
     section_of = next(s for s in SECTIONS if s.name == "fidelity")
     (args.out / "fidelity.md").write_text(page(section_of, text, configured))
     (args.out / INDEX).write_text(index(args.out))
-    print("docs/reference/limits.md: run python -m benchmarks.fidelity.limits to update its tables", file=sys.stderr)
+    print(
+        "docs/research/algorithm-measurements.md: run python -m benchmarks.fidelity.limits to update its tables",
+        file=sys.stderr,
+    )
     return 0
 
 

@@ -1,4 +1,4 @@
-"""The measured tables of docs/reference/limits.md are those of docs/research/benchmarks/limits.json."""
+"""The measured tables of docs/research/algorithm-measurements.md are those of docs/research/benchmarks/limits.json."""
 
 from __future__ import annotations
 
