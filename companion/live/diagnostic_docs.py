@@ -50,7 +50,7 @@ REMEDIES: Final[Mapping[str, Mapping[D, str]]] = {
             "correct `roll_deg`, `pitch_deg`: [check in operation](../how-to/calibrate-the-mount.md#check-in-operation)"
         ),
         D.MOUNT_DEGRADED: "the same",
-        D.MOUNT_UNVERIFIED: "turn the vehicle by 45 degrees or more with ground in view",
+        D.MOUNT_UNVERIFIED: "turn the vehicle by 45 degrees or more with ground in view, or aim the camera at walls",
         D.MOUNT_YAW_ERROR: "correct `yaw_deg`",
         D.GROUND_SLOPE_LIMIT: "steep terrain or wrong mount: look at the `mount` line of `status`",
         D.GROUND_LOST: "after 1 s. A large inclined surface is in view: steep terrain or wrong mount",
@@ -109,7 +109,7 @@ REMEDIES: Final[Mapping[str, Mapping[D, str]]] = {
     "Obstacles for the autopilot, guard": {
         D.AVOIDANCE_FAULT: "blind values are sent; send the log",
         D.OBSTACLES_NOT_ACCEPTED: "correct what the text names: signatures, MAVLink 1, parameters",
-        D.FLIGHT_MODE_UNPROTECTED: "expected in these [flight modes](../explanation/failsafe.md#flight-modes)",
+        D.FLIGHT_MODE_UNPROTECTED: "fly in a mode that brakes: [flight modes](../explanation/failsafe.md#flight-modes)",
         D.PARAMETERS_UNKNOWN: "the autopilot does not answer PARAM_REQUEST_READ",
         D.PARAMETER_ADVICE: "set the value that the text gives, or `companion doctor --apply`",
         D.PARAMETER_CONTRADICTION: "find the second autopilot or ground station",
