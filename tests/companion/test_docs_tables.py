@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 from google.protobuf.descriptor_pb2 import DescriptorProto, FileDescriptorProto
 
+from companion.command_list import GROUPS
 from osape_client.proto import osape_v1_pb2 as pb
 
 from .reference_tables import BLOCK, PAGES, PROTO, Schema, schema, with_tables
@@ -43,6 +44,11 @@ def test_every_message_has_a_table() -> None:
     }
     expected = set(pb.DESCRIPTOR.message_types_by_name) - REPLAY_ONLY - {"Vector3", "Quaternion"}
     assert shown == expected
+
+
+def test_every_group_of_commands_has_a_table() -> None:
+    page = PAGES[2].read_text(encoding="utf-8")
+    assert [names for _, kind, names, _ in BLOCK.findall(page) if kind == "commands"] == list(GROUPS)
 
 
 def test_every_message_has_a_comment() -> None:
