@@ -21,13 +21,19 @@ from companion.batch.conditions import NAMED
 from companion.batch.schema import TABLES
 from companion.cli import _parser
 from companion.command_list import GROUPS
+from core.codes import Code
+from core.sharing.alignment import FitResult
+from core.sharing.obstacles import PlacementState
 from drivers.logs.topics import TOPICS
 
 from ..conftest import CHECKOUT
 
-PAGES: Final = tuple(CHECKOUT / "docs" / "reference" / name for name in ("messages.md", "batch.md", "commands.md"))
+PAGES: Final = tuple(
+    CHECKOUT / "docs" / "reference" / name for name in ("messages.md", "batch.md", "commands.md", "sharing.md")
+)
 PROTO: Final = CHECKOUT / "clients" / "python" / "osape_client" / "proto" / "osape_v1.proto"
 BLOCK: Final = re.compile(r"(<!-- (\w+) ?([^:\n]*): made by `make reference-tables` -->\n).*?(<!-- end -->)", re.DOTALL)
+CODES: Final[dict[str, type[Code]]] = {kind.__name__: kind for kind in (PlacementState, FitResult)}
 SCALARS: Final = {
     number: name.removeprefix("TYPE_").lower()
     for name, number in FieldDescriptorProto.Type.items()
@@ -128,6 +134,11 @@ def enum(names: str) -> str:
     )
 
 
+def codes(names: str) -> str:
+    """The codes of a class of CODES."""
+    return _table(("code", "meaning"), [(f"`{code}`", _cell(code.text)) for code in CODES[names]])
+
+
 def topics(_names: str) -> str:
     """The topics of a log."""
     rows = [(f"`{t.name}`", f"`{t.schema}`", t.rate, t.what) for t in TOPICS.values()]
@@ -167,7 +178,7 @@ def _commands(group: str) -> Iterator[tuple[str, str, str]]:
 
 
 KINDS: Final[dict[str, Callable[[str], str]]] = {
-    kind.__name__: kind for kind in (fields, messages, enum, topics, columns, conditions, commands)
+    kind.__name__: kind for kind in (fields, messages, enum, codes, topics, columns, conditions, commands)
 }
 
 

@@ -1,4 +1,4 @@
-"""docs/reference/sharing.md states the sizes and the codes of the packets that are sent."""
+"""docs/reference/sharing.md states sizes, ranges, limits and codes of the packets that are sent."""
 
 from __future__ import annotations
 
@@ -9,6 +9,8 @@ from typing import Final
 
 import numpy as np
 
+from companion.share.packet_rate import ALL_PER_S, PACKETS_PER_S
+from companion.share.record_limit import MOST_LOGGED_PER_S
 from core.sharing.packet_codec import (
     MOTION_BYTES,
     OVERHEAD_BYTES,
@@ -19,6 +21,8 @@ from core.sharing.packet_codec import (
 )
 from core.sharing.plane_codec import LONG, SHORT
 from core.sharing.records import Header, LocalFrame, SharedMover, SharedPlanes, VehicleState
+from drivers.sharing.tunnel import FRAME_BYTES, LINK_ID, PAYLOAD_TYPE, SIGNATURE_BYTES, TUNNEL_ID
+from drivers.sharing.zenoh_link import PACKET_BYTES
 
 PAGE: Final = (Path(__file__).resolve().parents[2] / "docs" / "reference" / "sharing.md").read_text(encoding="utf-8")
 HEADER: Final = Header(vehicle=7, stream=1_700_000_000, sent_ms=123_456, section=3)
@@ -100,6 +104,31 @@ def test_planes_have_the_stated_sizes() -> None:
     for column, form in ((0, SHORT), (2, LONG)):
         bits = [re.match(r" (?:(\d) x )?(\d+)", row[column]) for row in rows]
         assert sum(int(m[1] or 1) * int(m[2]) for m in bits if m) == 8 * form.bytes
+
+
+def test_planes_have_the_stated_ranges() -> None:
+    rows = [line.split("|")[1:-1] for line in section("Planes").splitlines() if re.match(r"\| (\d|2 x)", line)]
+    for column, form in ((1, SHORT), (3, LONG)):
+        first, second, height, margin, ages = (rows[k][column].strip() for k in (1, 2, 4, 5, 7))
+        for stated, bits in ((first, form.first_bits), (second, form.second_bits)):
+            step, limit = re.fullmatch(r"(\S+) cm, up to (\S+) m", stated).groups()
+            assert float(step) / 100 == form.step_m
+            assert float(limit) <= form.step_m * 2 ** (bits - 1) < float(limit) + 1
+        for stated, steps in ((height, form.height), (margin, form.margin)):
+            limits = steps.fine, steps.value(steps.fine_codes), steps.coarse, steps.value(steps.codes - 1)
+            assert stated == "{:g} m up to {:g} m, {:g} m up to {:g} m".format(*limits)
+        assert ages.startswith(", ".join(f"{age:g}" for age in form.ages_s[:4]))
+        assert ages.endswith(f" {form.ages_s[-2]:g} s, longer")
+
+
+def test_transports_have_the_stated_limits() -> None:
+    text = section("TUNNEL")
+    assert f"Message {TUNNEL_ID} of MAVLink 2 with `payload_type` {PAYLOAD_TYPE} (0x{PAYLOAD_TYPE:X}," in text
+    assert f"Overhead: {FRAME_BYTES} bytes, {FRAME_BYTES + SIGNATURE_BYTES} with a signature" in text
+    assert f"signs with link id {LINK_ID}" in text
+    assert f"up to {PACKET_BYTES} bytes" in section("zenoh")
+    assert f"more than {PACKETS_PER_S:g} packets per second of one sender on one link, or {ALL_PER_S:g} of all" in PAGE
+    assert f"beyond {MOST_LOGGED_PER_S} per second" in PAGE
 
 
 def test_every_code_by_which_a_packet_is_refused_is_documented() -> None:
