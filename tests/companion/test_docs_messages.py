@@ -6,7 +6,6 @@ import re
 
 import numpy as np
 
-from companion.log.foxglove_scene import FAR_M, LIFETIME_S, NEAR_M
 from drivers.logs.chunk import MAX_CHUNK_BYTES
 from drivers.logs.record_scanner import _FIRST_RECORDS, _MAX_RECORD_BYTES
 from osape_client.proto import osape_v1_pb2 as pb
@@ -41,9 +40,3 @@ def test_every_cause_is_documented_with_its_number():
     documented = set(re.findall(r"^\| `(\w+)` \| (\d+) \|", page, re.MULTILINE))
     causes = {(pb.Cause.Name(n).removeprefix("CAUSE_").lower(), str(n)) for n in pb.Cause.values() if n}
     assert causes - documented == set()
-
-
-def test_the_colours_are_documented():
-    frames = (CHECKOUT / "docs" / "reference" / "frames.md").read_text(encoding="utf-8")
-    assert f"red at {NEAR_M:g} m to blue at {FAR_M:g} m, and vanish after a second" in frames
-    assert LIFETIME_S == 1
