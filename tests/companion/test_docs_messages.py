@@ -6,6 +6,10 @@ import re
 
 import numpy as np
 
+from companion.config.service import STREAMS, WORLD_STREAMS, PublishConfig
+from companion.live.depth_preview import MOST_WAITING
+from companion.live.world_thread import CHANGES_NS
+from companion.share.thread import NS, PUBLISH_NS, SOON_NS
 from drivers.logs.chunk import MAX_CHUNK_BYTES
 from drivers.logs.record_scanner import _FIRST_RECORDS, _MAX_RECORD_BYTES
 from osape_client.proto import osape_v1_pb2 as pb
@@ -28,6 +32,17 @@ def test_the_layout_of_the_planes_of_the_world_is_that_of_the_code() -> None:
     expected = [np.dtype(kind).name for _, kind, *shape in fields for _ in range(shape[0][0] if shape else 1)]
     assert listed == expected
     assert PLANE_RECORD.itemsize == 35
+
+
+def test_the_streams_are_those_of_the_configuration() -> None:
+    rows = re.findall(r"^\| ([\w, ]+) \| (`ipc://\S+`|off) \| \[`(\w+)`\]", TEXT, re.MULTILINE)
+    listed = {name.strip().replace(" ", "_"): at.strip("`") for names, at, _ in rows for name in names.split(",")}
+    publish = PublishConfig()
+    names = (*STREAMS, *WORLD_STREAMS, "neighbours", "depth")
+    assert listed == {name: getattr(publish, name) or "off" for name in names}
+    assert f"{NS // CHANGES_NS} Hz; answer to each request" in TEXT
+    assert f"{NS // PUBLISH_NS} Hz, up to {NS // SOON_NS} Hz while packets arrive" in TEXT
+    assert f"of world and {MOST_WAITING} of depth wait" in TEXT
 
 
 def test_the_limits_of_a_log_are_those_of_the_reader() -> None:
