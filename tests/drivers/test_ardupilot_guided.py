@@ -48,7 +48,7 @@ def test_without_a_limit_of_the_acceleration_it_holds(backup_m_s: float, interva
     ],
 )
 def test_the_table_of_rare_targets_in_the_docs(speed_m_s: float, backup_m_s: float, least_m: float) -> None:
-    """docs/explanation/failsafe.md: 1 to 4 targets a second."""
+    """docs/research/autopilot-measurements.md: 1 to 4 targets a second."""
     params = GuidedParams(backup_speed_m_s=backup_m_s)
     assert min(approach(params, speed_m_s, 1.0 / hz)[0] for hz in (1, 2, 4)) == pytest.approx(least_m, abs=0.06)
 
