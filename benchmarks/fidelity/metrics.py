@@ -1,4 +1,4 @@
-"""Scores a set of vertical rectangles against the true view (docs/explanation/algorithm.md, fidelity).
+"""Scores a set of vertical rectangles against the true view (missed and phantom in docs/reference/limits.md).
 
 A model is `planes` (N, 6) in level_cam: a_x, a_y, b_x, b_y, top, bottom. Rays are the camera's pixels; a ray is stopped
 where it first meets a plane, from either side."""

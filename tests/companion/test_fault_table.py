@@ -2,7 +2,7 @@
 
 Link, clock, synchronisation, pipeline, frozen-frame detection and sender are those of the service; frames and their
 obstacles are made up: a clear field, which must never be sent by a blind service. The table of all faults, with the
-tests of the service as a process, is in docs/explanation/failsafe.md."""
+tests of the service as a process, is in docs/research/autopilot-measurements.md."""
 
 from __future__ import annotations
 
