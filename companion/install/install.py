@@ -65,7 +65,7 @@ def run(args: argparse.Namespace) -> int:
             f"{paths.package_unit} belongs to the package {NAME}, and a second unit would override it. Start that one: "
             f"{start_command(paths, args.config or paths.config)}; or remove the package first: sudo apt remove {NAME}"
         )
-    steps = reachable_steps(args.dry_run)
+    steps = reachable_steps(args.dry_run, args.config)
     steps += install_steps(paths, args.config, args.replace_config, not args.no_start, dry_run=args.dry_run)
     carry_out(steps, paths, args.dry_run, args.json)
     if any(step.missing for step in steps):
@@ -75,10 +75,10 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def reachable_steps(dry_run: bool) -> list[Step]:
+def reachable_steps(dry_run: bool, config: Path | None) -> list[Step]:
     """No step; in a dry run one that names what the service's user could not read. Raises InstallError otherwise."""
     try:
-        check_reachable(interpreter_paths())
+        check_reachable(interpreter_paths(), config)
     except InstallError as error:
         if not dry_run:
             raise

@@ -28,17 +28,18 @@ ROOT: Final = Path(__file__).resolve().parents[2]
 HOME: Final = "/opt/osape-companion"
 
 
-def check_reachable(paths: Sequence[Path]) -> None:
-    """Raises InstallError where the service's user could not read this software."""
+def check_reachable(paths: Sequence[Path], config: Path | None = None) -> None:
+    """Raises InstallError where the service's user could not read this software. config: the configuration to install, for the
+    remedy."""
     for place in paths:
         hidden = next((h for h in HIDDEN if place.is_relative_to(h)), None)
         if hidden is not None:
-            raise InstallError(f"{place} is below {hidden}, which the service cannot read; {remedy()}")
+            raise InstallError(f"{place} is below {hidden}, which the service cannot read; {remedy(config)}")
         if not place.exists():
-            raise InstallError(f"{place} does not exist; {remedy()}")
+            raise InstallError(f"{place} does not exist; {remedy(config)}")
         closed = _closed(place)
         if closed is not None:
-            raise InstallError(f"{closed} cannot be read by the service's user; {_opening(closed) or remedy()}")
+            raise InstallError(f"{closed} cannot be read by the service's user; {_opening(closed) or remedy(config)}")
 
 
 def _closed(place: Path) -> Path | None:
@@ -71,8 +72,8 @@ def system_python(places: str = PLACES) -> str | None:
     return None
 
 
-def remedy() -> str:
-    """The commands that install this software where the service can read it."""
+def remedy(config: Path | None = None) -> str:
+    """The commands that install this software where the service can read it, and the service with this configuration."""
     python = system_python()
     first = (
         ""
@@ -80,11 +81,12 @@ def remedy() -> str:
         else "no Python 3.11 or newer with venv was found outside of home directories: install one first (Debian, Ubuntu: sudo "
         "apt install python3 python3-venv); then "
     )
-    return f"{first}create the environment elsewhere: {' && '.join(_commands(python or '/usr/bin/python3'))}"
+    return f"{first}create the environment elsewhere: {' && '.join(_commands(python or '/usr/bin/python3', config))}"
 
 
-def _commands(python: str) -> list[str]:
-    return [f"sudo {python} -m venv {HOME}", *_pip_commands(), f"sudo {HOME}/bin/companion install"]
+def _commands(python: str, config: Path | None) -> list[str]:
+    given = "" if config is None else f" -c {shell_word(config)}"
+    return [f"sudo {python} -m venv {HOME}", *_pip_commands(), f"sudo {HOME}/bin/companion install{given}"]
 
 
 def _pip_commands() -> list[str]:

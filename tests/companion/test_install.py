@@ -43,7 +43,7 @@ def needs(*tools: str) -> pytest.MarkDecorator:
 @pytest.fixture
 def image(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """The root of an image; this test's interpreter may lie anywhere."""
-    monkeypatch.setattr(install, "check_reachable", lambda paths: None)
+    monkeypatch.setattr(install, "check_reachable", lambda paths, config: None)
     (tmp_path / "image" / "etc").mkdir(parents=True)
     return tmp_path / "image"
 
@@ -174,6 +174,14 @@ def test_refused_for_an_image_that_is_none(tmp_path: Path, image: Path, capsys: 
 def test_refused_where_the_service_could_not_read_it(place: str) -> None:
     with pytest.raises(InstallError, match="which the service cannot read; create the environment elsewhere"):
         install.check_reachable([Path(place)])
+
+
+def test_the_remedy_installs_the_configuration_that_was_given() -> None:
+    """It left out -c FILE: after its commands the service had no configuration."""
+    with pytest.raises(InstallError, match="bin/companion install -c 'my files/my.toml'$"):
+        install.check_reachable([Path("/root/.venv")], Path("my files/my.toml"))
+    with pytest.raises(InstallError, match="bin/companion install$"):
+        install.check_reachable([Path("/root/.venv")])
 
 
 def test_refused_below_a_folder_that_is_closed(tmp_path: Path) -> None:
@@ -401,7 +409,7 @@ def test_each_rule_is_one_that_udev_can_read() -> None:
 def test_a_dry_run_shows_the_whole_plan_and_what_is_missing(
     image: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    def refuse(paths: object) -> None:
+    def refuse(paths: object, config: object) -> None:
         raise install.InstallError("/home/me/venv is below /home")
 
     monkeypatch.setattr(install, "check_reachable", refuse)
