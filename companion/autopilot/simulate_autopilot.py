@@ -16,6 +16,7 @@ from drivers.mavlink.address import parse_address
 from drivers.mavlink.session_types import ARDUPILOT, PX4
 from drivers.simulation.autopilot import SimulatedAutopilot
 from drivers.simulation.autopilot_link import AutopilotLink, Faults, PtyEnd, UdpEnd
+from drivers.simulation.firmware_parameters import PARAMETERS
 from drivers.simulation.firmware_profile import FirmwareProfile
 from drivers.simulation.flights import flight_plan
 from drivers.simulation.looping_flight import LoopingFlight
@@ -124,11 +125,9 @@ def run(args: argparse.Namespace) -> int:
         os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
     stop = stop_event()
     end = other_end(address)
-    with AutopilotLink(
-        simulated(flight, args.kind, armed=args.armed, drift_ppm=args.drift_ppm),
-        end,
-        Faults(jitter_s=args.jitter_ms / 1000.0),
-    ):
+    autopilot = simulated(flight, args.kind, armed=args.armed, drift_ppm=args.drift_ppm)
+    autopilot.parameters.update(PARAMETERS[args.kind])
+    with AutopilotLink(autopilot, end, Faults(jitter_s=args.jitter_ms / 1000.0)):
         link = _link(address, end)
         try:
             _print_address(args, flight, str(link or end.device) if isinstance(end, PtyEnd) else address)

@@ -24,10 +24,10 @@ from companion.doctor import autopilot_check, doctor
 from drivers.mavlink.session import SILENT_NS
 from drivers.simulation.autopilot import ARDUPILOT, PX4, SimulatedAutopilot
 from drivers.simulation.autopilot_link import AutopilotLink, UdpEnd
+from drivers.simulation.firmware_parameters import DEFAULTS, PARAMETERS
 from drivers.simulation.firmware_profile import FirmwareProfile
 from tests.ports import free_port
 
-from .autopilot_parameters import DEFAULTS, PARAMETERS
 from .live import until
 
 pytestmark = pytest.mark.process

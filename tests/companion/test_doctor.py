@@ -21,10 +21,10 @@ from companion.live.health_stream import address_in_use
 from companion.streams.publisher import Publisher, Stream
 from drivers.simulation.autopilot import ARDUPILOT, PX4, SimulatedAutopilot
 from drivers.simulation.autopilot_link import AutopilotLink, PtyEnd
+from drivers.simulation.firmware_parameters import PARAMETERS
 from osape_client.proto import osape_v1_pb2 as pb
 from tests.ports import free_port
 
-from .autopilot_parameters import PARAMETERS
 from .live import PATIENCE_S, Live, flown
 
 pytestmark = pytest.mark.process

@@ -16,9 +16,9 @@ import pytest
 
 from drivers.simulation.autopilot import ARDUPILOT, PX4
 from drivers.simulation.autopilot_link import AutopilotLink
+from drivers.simulation.firmware_parameters import PARAMETERS
 from osape_client.proto import osape_v1_pb2 as pb
 
-from .autopilot_parameters import PARAMETERS
 from .live import NS, PATIENCE_S, Live, flown, until
 
 pytestmark = [pytest.mark.process, pytest.mark.realtime]

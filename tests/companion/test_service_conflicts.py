@@ -18,9 +18,9 @@ import pytest
 
 from drivers.mavlink.dialect import dialect
 from drivers.simulation.autopilot import ARDUPILOT, AUTOPILOT_IDS, PX4
+from drivers.simulation.firmware_parameters import PARAMETERS
 from osape_client.proto import osape_v1_pb2 as pb
 
-from .autopilot_parameters import PARAMETERS
 from .live import NS, PATIENCE_S, Live, flown, until
 from .test_service_avoids import CONFIG, FRONT, AvoidingService
 

@@ -13,9 +13,9 @@ import pytest
 from companion.autopilot.simulate_autopilot import simulated
 from drivers.simulation.autopilot import ARDUPILOT, PX4, SimulatedAutopilot
 from drivers.simulation.autopilot_link import AutopilotLink, Faults, PtyEnd
+from drivers.simulation.firmware_parameters import PARAMETERS
 from drivers.simulation.flight_path import VehicleState
 
-from .autopilot_parameters import PARAMETERS
 from .live import NS, Live, until
 from .test_service_avoids import CONFIG, FRONT, AvoidingService
 from .test_service_conflicts import WALL_CM

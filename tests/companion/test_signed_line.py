@@ -18,10 +18,10 @@ from drivers.mavlink.signing_clock import SigningClock
 from drivers.mavlink.signing_key import SigningKey, load_key
 from drivers.simulation.autopilot import ARDUPILOT, PX4, SimulatedAutopilot
 from drivers.simulation.autopilot_link import AutopilotLink, UdpEnd
+from drivers.simulation.firmware_parameters import PARAMETERS
 from osape_client.proto import osape_v1_pb2 as pb
 from tests.ports import free_port
 
-from .autopilot_parameters import PARAMETERS
 from .live import PATIENCE_S, Live, flown, until
 from .test_service_avoids import CONFIG, AvoidingService
 

@@ -11,21 +11,29 @@ import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from companion.autopilot.firmware_version import FirmwareVersion
+from companion.autopilot.parameter_advice import parameter_faults
+from companion.autopilot.parameter_fault import AutopilotFacts
+from companion.autopilot.parameters import WANTED, value_of
 from companion.autopilot.simulate_autopilot import flight_of, other_end
 from companion.cli import main
+from companion.config.avoidance import AvoidParams
 from companion.config.camera import CameraConfig
 from companion.config.loader import Config, load_config
 from core.frames import rotation_from_quaternion
 from core.types import AttitudeSample, PoseSample
 from drivers.mavlink.address import parse_address
 from drivers.mavlink.clock_sync import ClockSource
+from drivers.mavlink.dialect import dialect
 from drivers.mavlink.link import MavlinkLink
 from drivers.mavlink.session import MavlinkSession
+from drivers.mavlink.session_types import ARDUPILOT, PX4
 from drivers.simulation.autopilot_link import UdpEnd
 from tests.ports import free_port
 
@@ -100,6 +108,31 @@ def test_its_attitude_is_that_of_the_flight_on_the_clock_that_cameras_have(tmp_p
         errors_deg.append(np.degrees(np.arccos(np.clip((np.trace(turn) - 1.0) / 2.0, -1.0, 1.0))))
     assert len(errors_deg) == 100
     assert max(errors_deg) < 0.3
+
+
+@pytest.mark.parametrize(("option", "kind"), [("--px4", PX4), ("--ardupilot", ARDUPILOT)])
+def test_it_answers_for_each_parameter_and_brakes_with_them(tmp_path: Path, option: str, kind: str) -> None:
+    """`companion doctor` printed for each of them that the autopilot did not answer."""
+    values: dict[str, float] = {}
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as service:
+        service.bind(("127.0.0.1", 0))
+        service.settimeout(60.0)
+        line = f"udpout:127.0.0.1:{service.getsockname()[1]}"
+        with flying("-c", str(config_file(tmp_path)), "--address", line, option):
+            mavlink = dialect.MAVLink(None, srcSystem=1, srcComponent=196)
+            place = service.recvfrom(300)[1]
+            for name in WANTED[kind]:
+                request = dialect.MAVLink_param_request_read_message(1, 1, name.encode(), -1)
+                service.sendto(request.pack(mavlink), place)
+            end_s = time.monotonic() + 60.0
+            while values.keys() < set(WANTED[kind]) and time.monotonic() < end_s:
+                for message in mavlink.parse_buffer(service.recv(300)) or ():
+                    if message.get_type() == "PARAM_VALUE":
+                        values[message.param_id] = value_of(message, kind)
+    assert values.keys() == set(WANTED[kind])
+    facts = AutopilotFacts(kind=kind, values=values, version=FirmwareVersion(1, 16, 0))
+    assert parameter_faults(facts, AvoidParams(send=True)) == []
+    assert len(parameter_faults(replace(facts, values=dict.fromkeys(values, 99.0)), AvoidParams(send=True))) > 2
 
 
 def test_on_a_pty_with_a_name_of_its_own(tmp_path: Path) -> None:

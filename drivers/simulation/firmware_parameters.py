@@ -4,10 +4,11 @@ A reader repeats a request for a parameter that is not answered for seconds: a s
 
 from __future__ import annotations
 
-from companion.autopilot.parameters import RC_OPTIONS
-from drivers.simulation.autopilot import ARDUPILOT, PX4
+from typing import Final
 
-DEFAULTS: dict[str, dict[str, float]] = {
+from ..mavlink.session_types import ARDUPILOT, PX4
+
+DEFAULTS: Final[dict[str, dict[str, float]]] = {
     PX4: {"COM_OBS_AVOID": 0},
     ARDUPILOT: {
         "PRX2_TYPE": 0.0,
@@ -19,10 +20,11 @@ DEFAULTS: dict[str, dict[str, float]] = {
         "PRX_FILT": 1.0,
         "AVOID_ALT_MIN": 0.0,
         "AVOID_ACCEL_MAX": 3.0,
-        **dict.fromkeys(RC_OPTIONS, 0.0),
+        **{f"RC{n}_OPTION": 0.0 for n in range(1, 17)},
     },
 }
-PARAMETERS: dict[str, dict[str, float]] = {
+"""Kind of the autopilot -> parameters that its firmware may lack. PX4 sends whole numbers, here ints, in a form of their own."""
+PARAMETERS: Final[dict[str, dict[str, float]]] = {
     # CP_DELAY: more than what a busy machine adds to the age of obstacles, which would be a diagnostic
     PX4: DEFAULTS[PX4] | {"CP_DIST": 3.0, "CP_DELAY": 1.0, "CP_GO_NO_DATA": 0, "MPC_POS_MODE": 4},
     ARDUPILOT: DEFAULTS[ARDUPILOT]
@@ -35,3 +37,4 @@ PARAMETERS: dict[str, dict[str, float]] = {
         "OA_TYPE": 0,
     },
 }
+"""Kind of the autopilot -> all parameters, as the pages about connecting it set them."""
