@@ -15,10 +15,11 @@ class CameraKind:
     # its device is a path below /dev; another path is a file, whose images would count as taken now
     is_video: bool = False
     owns_device: bool = True  # no two cameras may have the same device
-    # width_px, height_px, fps, max_range_m: written by `companion setup`, as in the shipped configuration
+    # width_px, height_px, fps, exposure_latency_s, max_range_m: written by `companion setup`, as in the shipped configuration
     width_px: int
     height_px: int
     fps: float = 30.0
+    exposure_latency_s: float = 0.0  # 0: the driver stamps the exposure
     max_range_m: float
     # distance to which a clear sector is seen free, written by `companion setup` as `[avoid] max_distance_m`. Less than
     # what noise and bias leave of the range, so that more noise than assumed does not close every direction.
@@ -46,6 +47,7 @@ CAMERA_KINDS: Final = {
         width_px=672,
         height_px=376,
         fps=15.0,
+        exposure_latency_s=0.02,
         max_range_m=12.0,
         clear_m=8.0,
         typical_range_m=15.0,  # ZED 2
@@ -57,6 +59,7 @@ CAMERA_KINDS: Final = {
         is_video=True,
         width_px=640,
         height_px=480,
+        exposure_latency_s=0.015,
         max_range_m=6.0,
         clear_m=4.5,
         typical_range_m=10.0,  # RealSense D435

@@ -76,6 +76,9 @@ def _camera(a: Answers) -> list[str]:
         lines.append(_line("serial", a.serial, "another camera at this port is refused"))
     if a.kind == "v4l2":
         lines += _intrinsics(a.calibration)
+    if kind.exposure_latency_s:
+        latency = "typical, mid-exposure to the time stamp of the kernel; `companion status` shows what is left"
+        lines.append(_line("exposure_latency_s", kind.exposure_latency_s, latency))
     return [
         *lines,
         _line("pitch_deg", a.pitch_deg, "mount: upwards is positive; check it with `companion doctor --mount`"),
