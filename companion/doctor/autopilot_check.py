@@ -23,6 +23,7 @@ from ..autopilot.restart_pending import TEXT as RESTART_TEXT
 from ..autopilot.restart_pending import ProximityPresence
 from ..autopilot.session_factory import params_of, signing_of
 from ..config.loader import Config
+from ..config.service import AutopilotConfig
 from ..diagnostic import DiagnosticCode
 from ..guard.heading_advice import heading_advice, look_all_around
 from ..guard.stop_advice import stop_advice
@@ -182,7 +183,7 @@ def link_findings(config: Config, link: MavlinkLink, status: LinkStatus) -> Iter
         return
     v = status.vehicle
     yield Finding("autopilot", True, f"{v.autopilot}, system {v.system_id}, {'ARMED' if v.armed else 'disarmed'}")
-    yield _attitude_finding(status, config.autopilot.attitude_hz)
+    yield _attitude_finding(status, config.autopilot)
     clock = status.clock
     if clock.bound_ns is not None and clock.bound_ns > LARGE_BOUND_NS:
         yield Finding("clock", False, clock_uncertain_text(clock.bound_ns), DiagnosticCode.CLOCK_UNCERTAIN)
@@ -193,7 +194,8 @@ def link_findings(config: Config, link: MavlinkLink, status: LinkStatus) -> Iter
         yield Finding("clock", False, text, DiagnosticCode.NO_TIMESYNC)
 
 
-def _attitude_finding(status: LinkStatus, requested_hz: float) -> Finding:
+def _attitude_finding(status: LinkStatus, autopilot: AutopilotConfig) -> Finding:
+    requested_hz = autopilot.attitude_hz
     if status.attitude_repeated:
         return Finding("attitude", False, REPEATED_TEXT, DiagnosticCode.ATTITUDE_REPEATED)
     if 0.0 < status.attitude_hz < MIN_ATTITUDE_HZ:
@@ -202,4 +204,7 @@ def _attitude_finding(status: LinkStatus, requested_hz: float) -> Finding:
     text = f"{status.attitude_hz:.0f} Hz of {requested_hz:g} Hz requested, position {status.position_hz:.0f} Hz"
     if status.attitude_hz >= MIN_RATE_SHARE * requested_hz:
         return Finding("attitude", True, text)
-    return Finding("attitude", False, f"{text}: use a faster link (921600 baud)", DiagnosticCode.ATTITUDE_RATE_LOW)
+    remedy = "raise the stream rate of the autopilot, or end other programs on this computer"
+    if autopilot.address.startswith("serial:"):
+        remedy = "raise the stream rate of this port, or use a faster link (921600 baud)"
+    return Finding("attitude", False, f"{text}: {remedy}", DiagnosticCode.ATTITUDE_RATE_LOW)

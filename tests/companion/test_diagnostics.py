@@ -13,6 +13,7 @@ import pytest
 from companion.cameras.status import CameraCondition, CameraStatus
 from companion.config.camera import CameraConfig
 from companion.config.loader import Config, config_of, load_config
+from companion.config.service import AutopilotConfig
 from companion.config.template_intrinsics import TEMPLATE_V4L2_PX, TEMPLATE_ZED_CALIBRATION
 from companion.diagnostic import DiagnosticCode
 from companion.doctor.autopilot_check import link_findings
@@ -111,7 +112,9 @@ def test_a_camera_that_does_not_run_has_no_low_rate() -> None:
         assert simulated.check(at_rate(2.0), second * S) == []
 
 
-def found_by_doctor(clock: ClockEstimate, attitude_hz: float = 100.0, repeated: bool = False) -> dict[str, Any]:
+def found_by_doctor(
+    clock: ClockEstimate, attitude_hz: float = 100.0, repeated: bool = False, address: str = ""
+) -> dict[str, Any]:
     """Findings by their part."""
     vehicle = SimpleNamespace(autopilot="PX4", system_id=1, armed=False)
     status = SimpleNamespace(
@@ -123,13 +126,25 @@ def found_by_doctor(clock: ClockEstimate, attitude_hz: float = 100.0, repeated: 
         attitude_repeated=repeated,
     )
     link = SimpleNamespace(state=SimpleNamespace(error="", open=True))
-    return {f.part: f for f in link_findings(Config(), cast(Any, link), cast(Any, status))}
+    config = Config(autopilot=AutopilotConfig(address=address))
+    return {f.part: f for f in link_findings(config, cast(Any, link), cast(Any, status))}
 
 
 def test_doctor_names_a_low_rate_of_the_attitude() -> None:
     finding = found_by_doctor(ClockEstimate(ClockSource.TIMESYNC), 2.0)["attitude"]
     assert not finding.ok
     assert finding.text.startswith("attitude_rate_low: attitude arrives at 2.0 Hz")
+
+
+@pytest.mark.parametrize(
+    ("address", "remedy"), [("serial:/dev/ttyAMA0:57600", "921600 baud"), ("udpin:0.0.0.0:14540", "end other programs")]
+)
+def test_doctor_names_a_remedy_that_the_link_has(address: str, remedy: str) -> None:
+    """A faster serial line was proposed for UDP, also on a busy computer beside the simulated autopilot."""
+    finding = found_by_doctor(ClockEstimate(ClockSource.TIMESYNC), 74.0, address=address)["attitude"]
+    assert (finding.ok, finding.code) == (False, DiagnosticCode.ATTITUDE_RATE_LOW)
+    assert finding.text.startswith("74 Hz of 100 Hz requested, position 1 Hz: raise the stream rate")
+    assert finding.text.endswith((f"({remedy})", f"{remedy} on this computer"))
 
 
 def test_doctor_names_an_attitude_that_repeats_itself() -> None:
