@@ -14,7 +14,7 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 # Container images often set it. Each process would then compile all modules: 1.6 s of processor time for the service.
 export PYTHONDONTWRITEBYTECODE :=
 
-.PHONY: help env demo check test test-computing test-processes test-realtime test-versions nightly bench soak vm-test golden golden-recordings proto lint lock config-docs reference-tables clean
+.PHONY: help env demo check test test-computing test-processes test-realtime test-versions nightly bench soak vm-test golden golden-recordings proto lint lock reference-tables clean
 
 help: ## what can be made
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:.*## /|/' | while IFS='|' read -r name what; do printf 'make %-17s  %s\n' "$$name" "$$what"; done
@@ -118,11 +118,9 @@ proto: $(STAMP) ## the Python code of the message schema
 lock: ## rewrite the lock files from pyproject.toml and .ci/constraints.txt (needs the network)
 	@bash .ci/make-lock
 
-config-docs: $(STAMP) ## rewrite the tables of docs/reference/configuration.md and diagnostics.md from the code
+reference-tables: $(STAMP) ## rewrite the tables of docs/reference that are made from the code
 	@$(BIN)/python -m companion.config.docs docs/reference/configuration.md
 	@$(BIN)/python -m companion.live.diagnostic_docs docs/reference/diagnostics.md
-
-reference-tables: config-docs ## rewrite all tables of docs/reference that are made from the code
 	@$(BIN)/python -m tests.companion.reference_tables
 
 clean: ## delete the environment and what demo and tests left (compiled kernels: ~/.cache/osape-companion)

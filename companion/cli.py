@@ -103,7 +103,7 @@ def _flushed(quiet: bool) -> bool:
 
 def _run(words: Sequence[str]) -> int:
     """Parses the words and runs the command."""
-    parser = _parser(words[0] if words else "")
+    parser = parser_of(words[0] if words else "")
     try:
         args = parser.parse_args(words)
     except SystemExit as end:  # argparse exits this way after --help and on wrong usage
@@ -140,7 +140,7 @@ def _refuse_addresses(args: argparse.Namespace) -> None:
             )
 
 
-def _parser(command: str) -> argparse.ArgumentParser:
+def parser_of(command: str) -> argparse.ArgumentParser:
     """The parser with the options of one command and the names of the others."""
     parser = ArgumentParser(
         prog="companion",

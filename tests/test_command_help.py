@@ -7,14 +7,14 @@ import shlex
 
 import pytest
 
-from companion.cli import _parser
+from companion.cli import parser_of
 from companion.command_list import COMMANDS
 
 EXAMPLES = [(name, line) for name, command in COMMANDS.items() for line in command.examples]
 
 
 def subparser(command: str) -> argparse.ArgumentParser:
-    (found,) = (a for a in _parser(command)._actions if a.dest == "command")
+    (found,) = (a for a in parser_of(command)._actions if a.dest == "command")
     assert isinstance(found.choices, dict)
     parser = found.choices[command]
     assert isinstance(parser, argparse.ArgumentParser)
@@ -25,7 +25,7 @@ def subparser(command: str) -> argparse.ArgumentParser:
 def test_each_example_is_a_command_line_of_its_command(command: str, line: str) -> None:
     words = shlex.split(line.removeprefix("sudo "))
     assert words[:2] == ["companion", command]
-    assert _parser(command).parse_args(words[1:]).command == command
+    assert parser_of(command).parse_args(words[1:]).command == command
 
 
 @pytest.mark.parametrize("command", COMMANDS)
@@ -52,7 +52,7 @@ def test_the_list_of_commands_fits_a_terminal_and_names_each_command(
 ) -> None:
     """On a terminal of 60 characters each line but the shortest was broken twice."""
     monkeypatch.setenv("COLUMNS", str(columns))
-    text = _parser("").format_help()
+    text = parser_of("").format_help()
     assert [line for line in text.splitlines() if len(line) > columns] == []
     assert all(f"\n  {name} " in text for name in COMMANDS)
 

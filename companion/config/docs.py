@@ -1,4 +1,4 @@
-"""The tables of docs/reference/configuration.md, made from the parameters themselves (`make config-docs`)."""
+"""The tables of docs/reference/configuration.md, made from the parameters themselves (`make reference-tables`)."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from core.param_field import is_safety_key
 
 from .sections import SECTIONS, expected, fields_of
 
-BEGIN, END = "<!-- tables: made by `make config-docs` -->", "<!-- end of the tables -->"
+BEGIN, END = "<!-- tables: made by `make reference-tables` -->", "<!-- end of the tables -->"
 TITLES = {
     "extractor": "`[extractor]`: sizes of the vehicle and its surroundings",
     "expert": "`[expert]`: constants of the algorithm",

@@ -1,4 +1,4 @@
-"""The tables of docs/reference/diagnostics.md, made from the codes themselves (`make config-docs`)."""
+"""The tables of docs/reference/diagnostics.md, made from the codes themselves (`make reference-tables`)."""
 
 from __future__ import annotations
 

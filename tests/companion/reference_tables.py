@@ -19,7 +19,7 @@ from google.protobuf.descriptor_pb2 import DescriptorProto, FieldDescriptorProto
 
 from companion.batch.conditions import NAMED
 from companion.batch.schema import TABLES
-from companion.cli import _parser
+from companion.cli import parser_of
 from companion.command_list import GROUPS
 from core.codes import Code
 from core.sharing.alignment import FitResult
@@ -166,7 +166,7 @@ def commands(names: str) -> str:
 
 def _commands(group: str) -> Iterator[tuple[str, str, str]]:
     for name, command in GROUPS[group].items():
-        (choice,) = (a for a in _parser(name)._actions if a.dest == "command")
+        (choice,) = (a for a in parser_of(name)._actions if a.dest == "command")
         assert isinstance(choice.choices, dict)
         parser = choice.choices[name]
         assert isinstance(parser, argparse.ArgumentParser)

@@ -90,7 +90,7 @@ def test_every_code_is_documented_in_a_table(kind: Any) -> None:
 
 def test_the_page_holds_the_tables_of_the_codes() -> None:
     text = (DOCS / "diagnostics.md").read_text(encoding="utf-8")
-    assert text == with_tables(text), "run `make config-docs`"
+    assert text == with_tables(text), "run `make reference-tables`"
     with pytest.raises(ValueError, match="needs the lines"):
         with_tables(text.replace("<!-- table: metrics -->", ""))
 

@@ -253,7 +253,7 @@ def test_every_key_has_its_meaning_and_bounds() -> None:
 
 def test_the_documented_tables_are_up_to_date() -> None:
     text = (ROOT / "docs" / "reference" / "configuration.md").read_text(encoding="utf-8")
-    assert text == with_tables(text), "run `make config-docs`"
+    assert text == with_tables(text), "run `make reference-tables`"
     assert "min_obstacle_height_m" in tables()
 
 

@@ -13,7 +13,7 @@ from typing import Final
 
 import pytest
 
-from companion.cli import _parser, main
+from companion.cli import main, parser_of
 from companion.command_list import COMMANDS
 
 from ..conftest import CHECKOUT
@@ -88,7 +88,7 @@ def test_each_command_line_is_accepted_by_the_parser(page: Path, capsys: pytest.
     for line in command_lines(page):
         words = shlex.split(line)[1:]
         try:
-            _parser(words[0]).parse_args(words)
+            parser_of(words[0]).parse_args(words)
         except SystemExit as end:
             if end.code:
                 refused.append(f"{line}: {capsys.readouterr().err}")

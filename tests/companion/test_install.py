@@ -178,9 +178,9 @@ def test_refused_where_the_service_could_not_read_it(place: str) -> None:
 
 def test_the_remedy_installs_the_configuration_that_was_given() -> None:
     """It left out -c FILE: after its commands the service had no configuration."""
-    with pytest.raises(InstallError, match="bin/companion install -c 'my files/my.toml'$"):
+    with pytest.raises(InstallError, match=r"bin/companion install -c 'my files/my.toml'$"):
         install.check_reachable([Path("/root/.venv")], Path("my files/my.toml"))
-    with pytest.raises(InstallError, match="bin/companion install$"):
+    with pytest.raises(InstallError, match=r"bin/companion install$"):
         install.check_reachable([Path("/root/.venv")])
 
 
