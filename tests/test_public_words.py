@@ -14,7 +14,7 @@ import pytest
 
 import companion
 import drivers
-from companion.cli import _parser
+from companion.cli import parser_of
 from companion.command_list import COMMANDS
 from companion.config.sections import SECTIONS, fields_of
 from companion.diagnostic import DiagnosticCode
@@ -123,7 +123,7 @@ def test_pages_use_the_standard_words(page: Path) -> None:
 
 @pytest.mark.parametrize("command", COMMANDS)
 def test_help_of_commands_uses_the_standard_words(command: str) -> None:
-    parser = _parser(command)
+    parser = parser_of(command)
     (subparsers,) = (a for a in parser._actions if a.dest == "command")
     assert isinstance(subparsers.choices, dict)
     text = " ".join(f"{parser.format_help()} {subparsers.choices[command].format_help()}".split())

@@ -17,7 +17,7 @@ from benchmarks.fidelity.run import parse as fidelity_options
 from benchmarks.open_air.view_options import add_view_options
 from companion import cli
 from companion.argument_parser import ArgumentParser, negative_values_joined
-from companion.cli import _parser, main
+from companion.cli import main, parser_of
 from companion.command_list import COMMANDS
 from companion.viewer.live_page import LivePage
 from companion.viewer.live_server import LiveServer
@@ -234,7 +234,7 @@ def test_after_ctrl_c_the_prompt_is_on_a_line_of_its_own(
 def test_the_refusal_of_a_value_names_no_function(command: str, capsys: pytest.CaptureFixture[str]) -> None:
     """argparse prints "invalid NAME value" with the name of the function that converts the text, where that raises
     ValueError. That is clear for int and float only."""
-    (found,) = (a for a in _parser(command)._actions if a.dest == "command")
+    (found,) = (a for a in parser_of(command)._actions if a.dest == "command")
     assert isinstance(found.choices, dict)
     for action in found.choices[command]._actions:
         if action.type in (None, Path, int, float):
