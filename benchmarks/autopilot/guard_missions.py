@@ -97,12 +97,14 @@ class Disturbance:
 CALM = Disturbance()
 
 
-def fly(mission: Mission, width: int, guard: GuardParams, disturbance: Disturbance = CALM) -> Flown:
-    """One mission."""
+def fly(
+    mission: Mission, width: int, guard: GuardParams, disturbance: Disturbance = CALM, times_reactions: bool = True
+) -> Flown:
+    """One mission. times_reactions: see GuardLoop."""
     flight = flight_of(mission.autopilot, mission.waypoints_m, mission.height_m, mission.speed_m_s, mission.guided)
     flight.wind = gusts(mission.number, disturbance.gust_m_s)
     loop = _loop(mission.scene, flight, mission.autopilot, width, mission.number, guard)
-    loop.velocity_noise_m_s = disturbance.velocity_noise_m_s
+    loop.velocity_noise_m_s, loop.times_reactions = disturbance.velocity_noise_m_s, times_reactions
     loop.run(0.0)
     start = _hover(loop)
     if mission.guided:

@@ -103,6 +103,7 @@ def fly_turn(number: int, yaw: Yaw, width: int, guard: GuardParams, course: Cour
     loop = GuardLoop(
         mission.scene, camera_info(width, width * 3 // 4), sensor, flight, mission.autopilot, number, guard
     )
+    loop.times_reactions = False
     least_m, hit_m_s, fastest_m_s, start_ns, stands_ns = math.inf, 0.0, 0.0, loop.now_ns, None
     while loop.now_ns - start_ns < LONGEST_S * NS and not flight.finished:
         loop.tick()

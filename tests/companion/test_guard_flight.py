@@ -48,7 +48,7 @@ def mission(
 
 
 def flown(autopilot: str, guard: GuardParams = GUARD, **changes: object) -> Flown:
-    return fly(mission(autopilot, **changes), WIDTH, guard)  # type: ignore[arg-type]
+    return fly(mission(autopilot, **changes), WIDTH, guard, times_reactions=False)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(
@@ -105,7 +105,9 @@ def test_flies_where_nothing_is_in_the_way() -> None:
 def loop_of(autopilot: str, at_m: float, speed_m_s: float) -> GuardLoop:
     flight = flight_of(autopilot, np.array([[60.0, 0.0]]), 2.5, speed_m_s, guided=False)
     sensor = replace(TYPICAL.scaled_to(WIDTH), sky_is_far=True)
-    return GuardLoop(walled(at_m), camera_info(WIDTH, WIDTH * 3 // 4), sensor, flight, autopilot, 3)
+    loop = GuardLoop(walled(at_m), camera_info(WIDTH, WIDTH * 3 // 4), sensor, flight, autopilot, 3)
+    loop.times_reactions = False
+    return loop
 
 
 @pytest.mark.parametrize(("autopilot", "at_m"), [("PX4", 8.5), ("ArduPilot", 6.5)])
