@@ -13,7 +13,7 @@ from companion.guard.modes import STOP_MODES
 from companion.guard.states import GuardMemory, GuardState, Output, SpeedCommand, StopCommand
 from drivers.mavlink.commands import COPTER_BRAKE, DO_CHANGE_SPEED, DO_SET_MODE
 
-from .test_guard_machine import (
+from .guard_machine import (
     AUTO,
     BLOCKED,
     FREE,

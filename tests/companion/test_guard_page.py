@@ -27,7 +27,7 @@ from companion.guard.machine import GuardMachine
 from companion.guard.states import GuardMemory, GuardState
 from drivers.mavlink.commands import DO_CHANGE_SPEED, DO_SET_MODE
 
-from .test_guard_machine import BLIND, BLOCKED, FREE, GUARD, MODES, NARROW, Flight
+from .guard_machine import BLIND, BLOCKED, FREE, GUARD, MODES, NARROW, Flight
 
 DOCS = Path(__file__).parents[2] / "docs"
 PAGE = (DOCS / "explanation" / "guard.md").read_text()
