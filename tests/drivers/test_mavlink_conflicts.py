@@ -20,8 +20,8 @@ from drivers.simulation.autopilot_link import AutopilotLink, UdpEnd
 from drivers.simulation.firmware_profile import FirmwareProfile
 from tests.ports import free_port
 
+from .conversation import NS, Conversation, talk
 from .test_mavlink_link import linked, until
-from .test_mavlink_session import NS, Conversation, talk
 
 pytestmark = pytest.mark.process
 

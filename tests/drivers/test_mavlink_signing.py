@@ -21,8 +21,8 @@ from drivers.mavlink.signing_key import SigningKey, load_key, make_key
 from drivers.simulation.autopilot import ARDUPILOT, PX4, SimulatedAutopilot
 from drivers.simulation.firmware_profile import FirmwareProfile
 
+from .conversation import MS, NS, Conversation
 from .test_mavlink_link import until
-from .test_mavlink_session import MS, NS, Conversation
 
 KEY, OTHER, NO_KEY = bytes(range(1, 33)), bytes(range(2, 34)), bytes(32)
 DAY_TICKS = 86_400 * TICKS_PER_S

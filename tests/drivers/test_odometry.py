@@ -11,7 +11,7 @@ from core.types import PoseSample
 from drivers.mavlink.dialect import dialect
 from drivers.simulation.autopilot import PX4
 
-from .test_mavlink_session import MS, Conversation, talk
+from .conversation import MS, Conversation, talk
 
 LOCAL_NED, BODY_FRD, MOCAP_NED = 1, 12, 14
 EAST = (math.cos(math.pi / 4), 0.0, 0.0, math.sin(math.pi / 4))

@@ -16,7 +16,7 @@ from drivers.mavlink.repeated_attitude import WINDOW_NS, RepeatedAttitude
 from drivers.mavlink.session_types import MavlinkParams
 from drivers.simulation.autopilot import ARDUPILOT, PX4
 
-from .test_mavlink_session import Conversation, talk
+from .conversation import Conversation, talk
 
 MS, NS = 1_000_000, 1_000_000_000
 

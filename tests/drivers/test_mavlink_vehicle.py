@@ -1,0 +1,124 @@
+"""Which vehicle a session receives, and its state: other components, other vehicles, late heartbeats."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from drivers.mavlink.clock_sync import ClockSource
+from drivers.mavlink.commands import set_px4_hold
+from drivers.mavlink.dialect import dialect
+from drivers.mavlink.session import MavlinkSession
+from drivers.mavlink.session_types import MavlinkParams, Vehicle
+from drivers.simulation.autopilot import ARDUPILOT, PX4, SimulatedAutopilot
+from drivers.simulation.firmware_profile import FirmwareProfile
+
+from .conversation import NS, Conversation, talk
+
+
+def test_of_another_component_of_the_vehicle_no_state_attitude_or_time_is_used() -> None:
+    """A gimbal or a camera has the system id of the vehicle."""
+    alone = talk(PX4, boot_at_ns=0, answers_timesync=False)
+    alone.run(12.0)
+    c = talk(PX4, boot_at_ns=0, answers_timesync=False)
+    c.autopilots.append(SimulatedAutopilot(FirmwareProfile(kind=ARDUPILOT, component_id=100, boot_at_ns=0)))
+    c.run(12.0)
+    assert c.session.vehicle is not None
+    assert c.session.vehicle.autopilot == PX4
+    assert c.session.clock.estimate.source is ClockSource.ENVELOPE
+    assert c.samples
+    assert [s.t_ns for s in c.samples] == [s.t_ns for s in alone.samples]
+
+
+def test_another_vehicle_takes_over_only_when_ours_is_silent() -> None:
+    c = talk(PX4, boot_at_ns=0)
+    c.autopilots.append(SimulatedAutopilot(FirmwareProfile(kind=ARDUPILOT, system_id=7, boot_at_ns=50 * NS)))
+    c.run(2.0)
+    assert c.session.vehicle is not None
+    assert c.session.vehicle.system_id == 1
+    c.autopilots[0].silent = True
+    c.run(5.0)
+    assert c.session.vehicle.system_id == 7
+    assert c.session.status(c.now_ns).clock.source is ClockSource.TIMESYNC
+
+
+@pytest.mark.parametrize("kind", [PX4, ARDUPILOT])
+def test_a_late_copy_of_a_heartbeat_brings_no_earlier_state_back(kind: str) -> None:
+    """A network or a second route delivers it again, seconds later."""
+    heartbeats: list[bytes] = []
+    autopilot = SimulatedAutopilot(FirmwareProfile(kind=kind, armed=True, custom_mode=5))
+
+    def keep(data: bytes, _: int) -> None:
+        heartbeats.extend([data] if data[7:10] == b"\0\0\0" else [])
+
+    c = Conversation(MavlinkSession(on_frame=keep), [autopilot])
+    c.run(4.0)
+    copies = tuple(heartbeats)
+    assert len(copies) >= 4
+    for armed, mode in ((True, 3), (False, 5)):
+        autopilot.profile.armed, autopilot.profile.custom_mode = armed, mode
+        c.run(1.5)
+        vehicle = c.session.vehicle
+        assert vehicle is not None
+        assert (vehicle.armed, vehicle.custom_mode) == (armed, mode)
+        c.session.post(set_px4_hold(1), c.now_ns, vehicle)
+        c.session.receive([(data, c.now_ns) for data in copies])
+        assert c.session.vehicle == vehicle
+        assert c.session.has_posted
+        sent = len(c.sent)
+        c.run(0.01)
+        assert "COMMAND_LONG" in Conversation(c.session, [], sent=c.sent[sent:]).kinds()
+    assert c.session.status(c.now_ns).counts["late_heartbeat"] == 2 * len(copies)
+    autopilot.profile.armed = True
+    c.run(1.1)
+    assert c.session.vehicle is not None
+    assert c.session.vehicle.armed
+    assert c.session.vehicle.custom_mode == 5  # of a new heartbeat, as before the copies
+
+
+def test_whether_a_silent_vehicle_is_armed_is_known_only_if_it_was() -> None:
+    c = talk(PX4)
+    c.run(2.0)
+    vehicle = c.session.vehicle
+    assert vehicle is not None
+    for armed, silent in ((False, None), (True, True)):
+        c.session.vehicle = replace(vehicle, armed=armed)
+        assert c.session.armed(c.now_ns) is armed
+        assert c.session.armed(c.now_ns + 4 * NS) is silent
+        assert not c.session.fell_silent(c.now_ns)
+        assert c.session.fell_silent(c.now_ns + 4 * NS) is armed
+
+
+def test_to_a_vehicle_that_fell_silent_in_flight_obstacles_are_still_sent() -> None:
+    """Its messages are lost. It may still receive."""
+    c = talk(PX4)
+    c.run(2.0)
+    vehicle = c.session.vehicle
+    assert vehicle is not None
+    for armed in (False, True):
+        c.session.vehicle = replace(vehicle, armed=armed)
+        later_ns = c.now_ns + 4 * NS
+        c.session.post(dialect.MAVLink_obstacle_distance_message(0, 4, [100] * 72, 5, 20, 1200, 5.0, 0.0, 12), later_ns)
+        assert len(c.session.due(later_ns)) == armed
+
+
+def test_a_configured_vehicle_is_the_only_one_received() -> None:
+    c = talk(PX4, MavlinkParams(system_id=3))
+    c.run(2.0)
+    assert c.session.vehicle is None
+    assert c.sent == []
+
+
+def test_system_0_is_no_vehicle_since_commands_to_it_reach_all() -> None:
+    """MAVLink takes target 0 for a broadcast."""
+    c = talk(PX4, system_id=0)
+    c.run(2.0)
+    assert c.session.vehicle is None
+    assert c.sent == []
+    assert c.session.status(c.now_ns).counts["other_vehicle"] > 0
+    expected = Vehicle(0, PX4, 2, True, 0, heartbeat_ns=0)
+    c = talk(PX4, system_id=0)
+    c.session = MavlinkSession(expected=expected)
+    c.run(2.0)
+    assert c.session.vehicle is None
