@@ -32,8 +32,8 @@ from osape_client.proto import osape_v1_pb2 as pb
 from osape_client.query.space import Occupancy
 from osape_client.world.decode import blocks_from_message, records_from_message
 from osape_client.world.mirror import WorldMirror
-from tests.companion.live import until
 from tests.core.worlds import NS, blind, house, seen, wall
+from tests.waiting import until
 
 pytestmark = pytest.mark.process
 

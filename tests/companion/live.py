@@ -24,23 +24,12 @@ from drivers.simulation.autopilot_link import AutopilotLink, Faults, UdpEnd
 from drivers.simulation.looping_flight import LoopingFlight
 from osape_client.proto import osape_v1_pb2 as pb
 from tests.ports import free_port
+from tests.waiting import PATIENCE_S, until
 
 ROOT = Path(__file__).parents[2]
 NS = 1_000_000_000
-PATIENCE_S = 120.0
-"""Time limit for steps that are not the subject of a test, such as a start on a busy machine."""
 SUPERVISION = f"[supervision]\nopen_s = {PATIENCE_S}\n"
 """A camera process that is ended because it opens slowly, as on a busy machine, begins again and never opens."""
-
-
-def until(condition: Callable[[], Any], seconds: float = PATIENCE_S) -> bool:
-    """Waits until a condition holds; returns whether it does."""
-    end_s = time.monotonic() + seconds
-    while time.monotonic() < end_s:
-        if condition():
-            return True
-        time.sleep(0.01)
-    return bool(condition())
 
 
 class Subscription(threading.Thread):

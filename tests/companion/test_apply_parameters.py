@@ -27,8 +27,8 @@ from drivers.simulation.autopilot_link import AutopilotLink, UdpEnd
 from drivers.simulation.firmware_parameters import DEFAULTS, PARAMETERS
 from drivers.simulation.firmware_profile import FirmwareProfile
 from tests.ports import free_port
+from tests.waiting import until
 
-from .live import until
 
 pytestmark = pytest.mark.process
 

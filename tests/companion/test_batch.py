@@ -17,11 +17,13 @@ import pytest
 from companion.batch.comparison import Dataset, compare_flight
 from companion.batch.conditions import find_hits
 from companion.batch.dataset import begin_run, finished, open_table
+from companion.batch.engines import Done
 from companion.batch.events import FlightEvents, FrameSummary
 from companion.batch.find import plan_clips
 from companion.batch.flights import Flight, find_flights
 from companion.batch.frame_rows import digest_of, nearest_plane_m
 from companion.batch.jobs import BatchOptions, Failure, FlightTask, Outcome
+from companion.batch.local_engine import LocalEngine
 from companion.batch.schema import TABLES
 from companion.batch.storage import StoredFile, find_logs
 from companion.batch.task import run_task
@@ -49,6 +51,12 @@ def process_all(folder: Path, output: Path, options: BatchOptions) -> list[Outco
     done = [run_task(FlightTask(f, str(output), options, software())) for f in find_flights([str(folder)])]
     assert all(isinstance(outcome, Outcome) for outcome in done), done
     return [outcome for outcome in done if isinstance(outcome, Outcome)]
+
+
+@pytest.fixture
+def in_process(monkeypatch: pytest.MonkeyPatch) -> None:
+    """`companion batch` without processes of its own, each of which imports the service anew (1 s)."""
+    monkeypatch.setattr(LocalEngine, "run", lambda self, tasks: (Done(task, run_task(task)) for task in tasks))
 
 
 @pytest.fixture(scope="module")
@@ -377,6 +385,7 @@ def test_broken_logs_are_part_of_the_result(tmp_path: Path) -> None:
     assert flights["empty"]["equals_onboard"] is None
 
 
+@pytest.mark.usefixtures("in_process")
 def test_logs_that_cannot_be_read_are_counted_at_the_end_and_give_status_1(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -416,6 +425,7 @@ def test_a_dataset_without_the_count_of_unread_files_continues(fleet: Path, data
     assert finished(str(copy), flights) == dict.fromkeys(flights, 0)
 
 
+@pytest.mark.usefixtures("in_process")
 def test_a_folder_that_cannot_be_read_gives_status_1(
     fleet: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -446,6 +456,7 @@ def test_what_has_the_name_of_a_log_and_cannot_be_read_gives_status_1(
     assert "companion: error: 2 inputs were not processed: they cannot be read (named above)" in printed.err
 
 
+@pytest.mark.usefixtures("in_process")
 def test_a_log_without_depth_images_is_named(fleet: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """It gave an empty result that looked like one of a flight without frames."""
     source = next(fleet.rglob("*.mcap"))

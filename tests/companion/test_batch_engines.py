@@ -23,10 +23,10 @@ from companion.batch.ray_engine import RayEngine
 from companion.batch.task import run_task
 from companion.log.provenance import software
 from drivers.base import DeviceLost, DeviceNotFound
+from tests.waiting import until
 
 from .batch_processes import always_killed, defective, endless, killed_at_first
 from .fleet import flight_events, write_fleet, write_parts
-from .live import until
 
 pytest.importorskip("pyarrow", reason="the extra `batch` is not installed")
 

@@ -15,8 +15,9 @@ from drivers.mavlink.parser import MessageSplitter
 from drivers.simulation.autopilot import SimulatedAutopilot
 from drivers.simulation.autopilot_link import AutopilotLink, UdpEnd
 from osape_client.proto import osape_v1_pb2 as pb
+from tests.waiting import until
 
-from .live import Live, until
+from .live import Live
 
 pytestmark = pytest.mark.process
 

@@ -23,8 +23,7 @@ from companion.demo.live import DemoError, Processes, live_config, toml_of
 from companion.demo.sole_use import sole_use
 from drivers.logs.reader import McapRecording
 from osape_client.proto import osape_v1_pb2 as pb
-
-from .live import until
+from tests.waiting import until
 
 pytestmark = pytest.mark.process
 

@@ -17,8 +17,7 @@ from companion.live.depth_preview import WIDTH_PX, DepthPreviews, subsample
 from companion.streams.publication import PublicationStamps
 from core.types import DepthFrame
 from osape_client.proto import osape_v1_pb2 as pb
-
-from .live import until
+from tests.waiting import until
 
 pytestmark = pytest.mark.process
 

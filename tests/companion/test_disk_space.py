@@ -19,8 +19,8 @@ from companion.log.recorder import Recorder
 from companion.pipeline.state import PipelineState
 from core.types import DepthFrame
 from drivers.logs.reader import McapRecording
+from tests.waiting import until
 
-from .live import until
 from .made_up import INFO, MS
 
 pytestmark = pytest.mark.process

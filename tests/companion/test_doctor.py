@@ -24,8 +24,9 @@ from drivers.simulation.autopilot_link import AutopilotLink, PtyEnd
 from drivers.simulation.firmware_parameters import PARAMETERS
 from osape_client.proto import osape_v1_pb2 as pb
 from tests.ports import free_port
+from tests.waiting import PATIENCE_S
 
-from .live import PATIENCE_S, Live, flown
+from .live import Live, flown
 
 pytestmark = pytest.mark.process
 

@@ -34,8 +34,8 @@ from drivers.simulation.autopilot_link import AutopilotLink, Faults, PtyEnd, Udp
 from drivers.simulation.firmware_profile import FirmwareProfile, hovering
 from drivers.simulation.flight_path import VehicleState
 from tests.ports import free_port
+from tests.waiting import until
 
-from .live import until
 from .test_obstacle_sender import CAMERA, CLEAR, Sees
 
 pytestmark = pytest.mark.process

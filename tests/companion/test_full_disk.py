@@ -21,8 +21,8 @@ from companion.log.recorder import Recorder
 from companion.log.repair import repair_file
 from companion.pipeline.state import PipelineState
 from drivers.logs.reader import McapRecording
+from tests.waiting import until
 
-from .live import until
 from .made_up import INFO, MS
 from .recordings import write_folder
 from .test_disk_space import noise

@@ -16,7 +16,7 @@ from companion.guard.kept_space import NEWEST_SHARE, Kept, Tolerance, eroded, gr
 from companion.guard.kept_views import KeptRays
 from companion.guard.path_sight import PathSight
 
-from .test_guard_path import AVOID, BRAKING, GUARD, MS, SIGHT, action, later, model, plane, seen
+from .guard_sight import AVOID, BRAKING, GUARD, MS, SIGHT, action, later, model, plane, seen
 
 RAYS = 50
 FAR_M, HOLE_M = 20.0, 6.0

@@ -17,7 +17,7 @@ from companion.guard.path_sight import PathSight, path_sight
 from companion.pipeline.transform import LevelTransform
 from core.types import FrameModel
 
-from .test_guard_path import AVOID, GUARD, HERE, MS, T_NS, model, nothing_remembered
+from .guard_sight import AVOID, GUARD, HERE, MS, T_NS, model, nothing_remembered
 
 KEEP_MS = KEEP_FREE_NS // MS
 FAR = model(free_to_m=20.0)

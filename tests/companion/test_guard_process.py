@@ -26,8 +26,9 @@ from drivers.simulation.firmware_models.auto_flight import (
 )
 from drivers.simulation.firmware_profile import FirmwareProfile
 from tests.ports import free_port
+from tests.waiting import until
 
-from .live import Live, unread_output, until
+from .live import Live, unread_output
 
 pytestmark = [pytest.mark.process, pytest.mark.realtime]
 

@@ -28,10 +28,10 @@ from companion.state_file import StateFile
 from drivers.mavlink.dialect import dialect
 from drivers.mavlink.session_types import Vehicle
 from drivers.watched_thread import WatchedThread
+from tests.waiting import until
 
-from .live import until
+from .guard_sight import HERE, plane
 from .test_guard_certainty import COPTER, LINK
-from .test_guard_path import HERE, plane
 from .test_sectors import model
 
 NS = 1_000_000_000

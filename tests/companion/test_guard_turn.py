@@ -15,7 +15,7 @@ from companion.guard.turn import WIDEST_RAD, CourseRate, fan, turns
 from core.frames import quaternion_from_euler
 from core.types import AttitudeSample
 
-from .test_guard_path import HERE, NS, T_NS, nothing_remembered
+from .guard_sight import HERE, NS, T_NS, nothing_remembered
 
 HZ = 15
 

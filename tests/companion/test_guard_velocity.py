@@ -22,7 +22,7 @@ from companion.guard.velocity_hold import HOLD_NS
 from drivers.mavlink.commands import COPTER_BRAKE, DO_CHANGE_SPEED
 
 from .guard_machine import BLOCKED, GUARD, NARROW, Flight, commands, stopping, texts
-from .test_guard_path import AVOID, BRAKING, MS, NS, SIGHT, T_NS
+from .guard_sight import AVOID, BRAKING, MS, NS, SIGHT, T_NS
 from .test_guard_thread import STEP_NS
 from .test_guard_thread import Flight as GuardFlight
 

@@ -32,9 +32,9 @@ from core.frames import quaternion_from_euler
 from core.types import AttitudeSample, PoseSample
 from core.world.world import World
 
+from .guard_sight import SIGHT
 from .made_up import INFO, MS, START_NS, EasyExtractor, flight, frame
 from .test_distance_sensor import AHEAD, BEAM
-from .test_guard_path import SIGHT
 from .test_obstacle_sender import AVOID, CAMERA, NS, PX4, UNKNOWN, Chain
 from .test_sectors import HERE, model, wall_at
 

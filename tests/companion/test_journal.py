@@ -17,8 +17,9 @@ import pytest
 from companion.live import journal
 from companion.live.journal import JournalFormatter, JournalHandler
 from drivers.simulation.autopilot import ARDUPILOT
+from tests.waiting import PATIENCE_S, until
 
-from .live import PATIENCE_S, ROOT, Live, fill, flown, unread_output, until
+from .live import ROOT, Live, fill, flown, unread_output
 from .test_service_avoids import CONFIG, FRONT, AvoidingService
 
 pytestmark = pytest.mark.process

@@ -14,8 +14,7 @@ from companion.viewer import live_server
 from companion.viewer.live_page import LivePage
 from companion.viewer.live_server import LiveServer, in_url, is_loopback
 from drivers.base import DeviceNotFound
-
-from .live import PATIENCE_S, until
+from tests.waiting import PATIENCE_S, until
 
 pytestmark = pytest.mark.process
 

@@ -23,8 +23,8 @@ from core.types import CameraInfo
 from drivers.logs.codec import camera_message
 from osape_client.clock import clock_ns
 from osape_client.proto import osape_v1_pb2 as pb
+from tests.waiting import PATIENCE_S, until
 
-from .live import PATIENCE_S, until
 from .scripted_service import WALL, YAW_RAD, ScriptedService
 from .view_scenes import INFO
 

@@ -12,8 +12,7 @@ from core.world.world import World
 from osape_client.world.snapshot import WorldSnapshot
 from tests.client.test_world_mirror import WALLS, Speaker, look
 from tests.core.worlds import seen
-
-from .live import until
+from tests.waiting import until
 
 pytestmark = pytest.mark.process
 

@@ -29,8 +29,8 @@ from core.frames import quaternion_from_euler
 from core.types import AttitudeSample, CameraInfo, CameraMount, ExtractorState, FrameModel, Intrinsics, PoseSample
 from drivers.simulation.firmware_models.ardupilot import ArduPilotReader
 from drivers.simulation.firmware_models.px4 import Px4Reader
+from tests.waiting import until
 
-from .live import until
 from .made_up import MS, frame
 from .test_sectors import model, wall_at
 

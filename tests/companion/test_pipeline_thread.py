@@ -26,8 +26,7 @@ from core.extractor import Extractor
 from core.types import AttitudeSample, DepthFrame
 from drivers.mavlink.clock_sync import ClockEstimate, ClockSource
 from drivers.simulation.source import camera_info
-
-from .live import until
+from tests.waiting import until
 
 pytestmark = pytest.mark.process
 

@@ -19,8 +19,8 @@ from drivers.mavlink import link as link_module
 from drivers.mavlink.address import Address
 from drivers.mavlink.link import MavlinkLink
 from drivers.mavlink.session import MavlinkSession
+from tests.waiting import until
 
-from .live import until
 from .test_camera_supervisor import CAMERA
 
 pytestmark = pytest.mark.soak

@@ -24,8 +24,8 @@ from companion.viewer.live_camera import Camera
 from companion.viewer.subscriber import LiveSubscriber
 from osape_client.clock import clock_ns
 from tests.ports import free_port
+from tests.waiting import until
 
-from .live import until
 from .scripted_service import ScriptedService
 from .view_scenes import INFO
 

@@ -13,7 +13,9 @@ from pathlib import Path
 
 import pytest
 
-from .live import PATIENCE_S, ROOT, until
+from tests.waiting import PATIENCE_S, until
+
+from .live import ROOT
 
 pytestmark = pytest.mark.process
 

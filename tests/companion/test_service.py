@@ -17,8 +17,9 @@ import pytest
 
 from drivers.simulation.autopilot_link import AutopilotLink
 from osape_client.proto import osape_v1_pb2 as pb
+from tests.waiting import PATIENCE_S, until
 
-from .live import NS, PATIENCE_S, Live, attitude_error_deg, flown, until
+from .live import NS, Live, attitude_error_deg, flown
 
 pytestmark = pytest.mark.process
 

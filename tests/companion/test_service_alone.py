@@ -18,8 +18,9 @@ from drivers.logs.reader import McapRecording
 from drivers.simulation.autopilot import ARDUPILOT
 from drivers.simulation.autopilot_link import AutopilotLink, PtyEnd
 from osape_client.proto import osape_v1_pb2 as pb
+from tests.waiting import PATIENCE_S, until
 
-from .live import NS, PATIENCE_S, Live, attitude_error_deg, flown, sent_ns, until
+from .live import NS, Live, attitude_error_deg, flown, sent_ns
 
 pytestmark = pytest.mark.process
 

@@ -18,8 +18,9 @@ from drivers.simulation.autopilot import ARDUPILOT, PX4
 from drivers.simulation.autopilot_link import AutopilotLink
 from drivers.simulation.firmware_parameters import PARAMETERS
 from osape_client.proto import osape_v1_pb2 as pb
+from tests.waiting import PATIENCE_S, until
 
-from .live import NS, PATIENCE_S, Live, flown, until
+from .live import NS, Live, flown
 
 pytestmark = [pytest.mark.process, pytest.mark.realtime]
 

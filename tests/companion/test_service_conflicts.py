@@ -20,8 +20,9 @@ from drivers.mavlink.dialect import dialect
 from drivers.simulation.autopilot import ARDUPILOT, AUTOPILOT_IDS, PX4
 from drivers.simulation.firmware_parameters import PARAMETERS
 from osape_client.proto import osape_v1_pb2 as pb
+from tests.waiting import PATIENCE_S, until
 
-from .live import NS, PATIENCE_S, Live, flown, until
+from .live import NS, Live, flown
 from .test_service_avoids import CONFIG, FRONT, AvoidingService
 
 pytestmark = [pytest.mark.process, pytest.mark.realtime]

@@ -15,8 +15,9 @@ from drivers.simulation.autopilot import ARDUPILOT, PX4, SimulatedAutopilot
 from drivers.simulation.autopilot_link import AutopilotLink, Faults, PtyEnd
 from drivers.simulation.firmware_parameters import PARAMETERS
 from drivers.simulation.flight_path import VehicleState
+from tests.waiting import until
 
-from .live import NS, Live, until
+from .live import NS, Live
 from .test_service_avoids import CONFIG, FRONT, AvoidingService
 from .test_service_conflicts import WALL_CM
 

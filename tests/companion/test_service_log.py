@@ -35,8 +35,9 @@ from drivers.mavlink.clock_sync import ClockEstimate, ClockSource
 from drivers.simulation.flight import Rates, SimulatedFlight
 from drivers.simulation.source import camera_info
 from osape_client.proto import osape_v1_pb2 as pb
+from tests.waiting import PATIENCE_S, until
 
-from .live import PATIENCE_S, Live, flown, until
+from .live import Live, flown
 
 pytestmark = pytest.mark.process
 

@@ -25,8 +25,7 @@ from companion.streams.publication import PublicationStamps
 from companion.suspension import Suspension
 from drivers.mavlink.dialect import dialect
 from tests.ports import free_port
-
-from .live import until
+from tests.waiting import until
 
 pytestmark = [
     pytest.mark.process,

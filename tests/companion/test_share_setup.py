@@ -28,8 +28,8 @@ from drivers.sharing.tunnel_line import TunnelLine
 from drivers.sharing.zenoh_link import ZenohLink
 from osape_client.proto import osape_v1_pb2 as pb
 from tests.ports import free_port
+from tests.waiting import until
 
-from .live import until
 from .test_share_tunnel import frame_of
 
 pytestmark = pytest.mark.process

@@ -21,8 +21,9 @@ from drivers.simulation.autopilot_link import AutopilotLink, UdpEnd
 from drivers.simulation.firmware_parameters import PARAMETERS
 from osape_client.proto import osape_v1_pb2 as pb
 from tests.ports import free_port
+from tests.waiting import PATIENCE_S, until
 
-from .live import PATIENCE_S, Live, flown, until
+from .live import Live, flown
 from .test_service_avoids import CONFIG, AvoidingService
 
 pytestmark = [pytest.mark.process, pytest.mark.realtime]

@@ -17,8 +17,7 @@ from companion.live.service import Service
 from companion.paths import Folders
 from core.types import AttitudeSample
 from osape_client.proto import osape_v1_pb2 as pb
-
-from .live import until
+from tests.waiting import until
 
 pytestmark = pytest.mark.process
 

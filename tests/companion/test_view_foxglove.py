@@ -23,8 +23,8 @@ from companion.viewer.foxglove_server import FoxgloveServer
 from companion.viewer.subscriber import LiveSubscriber
 from drivers.base import DeviceNotFound
 from osape_client.proto import osape_v1_pb2 as pb
+from tests.waiting import until
 
-from .live import until
 from .scripted_service import ScriptedService
 
 pytestmark = pytest.mark.process

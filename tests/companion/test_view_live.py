@@ -19,9 +19,10 @@ import pytest
 import zmq
 
 from companion.streams.publisher import Publisher, Stream
+from tests.waiting import PATIENCE_S, until
 
 from .browser import Browser, Page, opened
-from .live import PATIENCE_S, ROOT, Live, flown, until
+from .live import ROOT, Live, flown
 from .test_live_team import message as team_message
 
 pytestmark = [pytest.mark.process, pytest.mark.realtime]

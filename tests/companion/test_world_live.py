@@ -10,8 +10,9 @@ import pytest
 from osape_client.proto import osape_v1_pb2 as pb
 from osape_client.query.space import Occupancy
 from osape_client.world.mirror import WorldMirror
+from tests.waiting import PATIENCE_S, until
 
-from .live import PATIENCE_S, Live, flown, until
+from .live import Live, flown
 from .test_service import CONFIG
 
 pytestmark = pytest.mark.process

@@ -19,9 +19,10 @@ from drivers.simulation.autopilot import ARDUPILOT, PX4, SimulatedAutopilot
 from drivers.simulation.autopilot_link import AutopilotLink, UdpEnd
 from drivers.simulation.firmware_profile import FirmwareProfile
 from tests.ports import free_port
+from tests.waiting import until
 
 from .conversation import NS, Conversation, talk
-from .test_mavlink_link import linked, until
+from .linked import linked
 
 pytestmark = pytest.mark.process
 

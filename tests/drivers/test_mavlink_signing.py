@@ -20,9 +20,9 @@ from drivers.mavlink.signing_clock import AHEAD, EPOCH_UNIX_S, LAST_TICK, TICKS_
 from drivers.mavlink.signing_key import SigningKey, load_key, make_key
 from drivers.simulation.autopilot import ARDUPILOT, PX4, SimulatedAutopilot
 from drivers.simulation.firmware_profile import FirmwareProfile
+from tests.waiting import until
 
 from .conversation import MS, NS, Conversation
-from .test_mavlink_link import until
 
 KEY, OTHER, NO_KEY = bytes(range(1, 33)), bytes(range(2, 34)), bytes(32)
 DAY_TICKS = 86_400 * TICKS_PER_S

@@ -19,9 +19,9 @@ from companion.config.camera import CameraConfig
 from drivers.base import BadData, DeviceLost, DeviceNotFound
 from drivers.cameras.oak import OakSource
 from drivers.cameras.oak_pipeline import OakSettings, configure
+from tests.waiting import until
 
 from .oak_host import DEVICE_ALONE, HEIGHT, MATRIX, WIDTH, HostLink, depth_message, stamp_ns
-from .test_mavlink_link import until
 
 pytestmark = pytest.mark.process
 

@@ -14,10 +14,10 @@ import pytest
 from drivers.base import BadData, DeviceLost
 from drivers.cameras.oak import OakSource
 from drivers.cameras.oak_pipeline import OakSettings
+from tests.waiting import until
 
 from .oak_host import PERIOD_S, HostLink, HostPairLink, depth_message, group_message, image_message, now, stamp_ns
 from .test_device_matches import F_PX, WALL_MM, WIDTH, device_depth, scene
-from .test_mavlink_link import until
 from .test_oak import read_all
 
 pytestmark = pytest.mark.process

@@ -17,8 +17,7 @@ from drivers.mavlink.session import MavlinkSession
 from drivers.mavlink.tlog import TlogRecord, read_tlog
 from drivers.simulation.autopilot_link import UdpEnd
 from tests.ports import free_port
-
-from ..companion.live import until
+from tests.waiting import until
 
 pytestmark = pytest.mark.process
 
