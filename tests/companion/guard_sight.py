@@ -17,7 +17,7 @@ from companion.guard.path_sight import PathSight, path_sight
 from companion.pipeline.transform import LevelTransform
 from core.types import FrameModel
 
-from .test_sectors import model
+from .sector_models import model
 
 NS = 1_000_000_000
 MS = 1_000_000

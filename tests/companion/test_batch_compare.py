@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 import sys
 from pathlib import Path
 from typing import Any
@@ -36,6 +37,15 @@ def datasets(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
         for flight in find_flights([str(fleet)]):
             assert isinstance(run_task(FlightTask(flight, str(output), options, software())), Outcome)
     return outputs
+
+
+@pytest.fixture(scope="module")
+def compared(datasets: tuple[Path, Path], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The report of their comparison, beside a picture of the user."""
+    folder = tmp_path_factory.mktemp("compared")
+    (folder / "01_holiday.png").write_bytes(b"a picture of the user")
+    assert main(["batch", "--compare", *map(str, datasets), "-o", str(folder)]) == 0
+    return folder
 
 
 def row(digest: str, nearest_m: float | None = 5.0, valid: bool = True) -> dict[str, Any]:
@@ -100,12 +110,8 @@ def test_without_matplotlib_nothing_is_compared(
     assert not (tmp_path / "out").exists()
 
 
-def test_another_configuration_is_compared_frame_by_frame(
-    datasets: tuple[Path, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    a, b = map(str, datasets)
-    assert main(["batch", "--compare", a, b, "-o", str(tmp_path), "--json"]) == 0
-    report = json.loads(capsys.readouterr().out)
+def test_another_configuration_is_compared_frame_by_frame(datasets: tuple[Path, Path], compared: Path) -> None:
+    report = json.loads((compared / "report.json").read_text())
     total = report["total"]
     assert total["changed"] > 0
     assert total["planes_per_frame_b"] < total["planes_per_frame_a"]
@@ -113,11 +119,11 @@ def test_another_configuration_is_compared_frame_by_frame(
     assert total["blind_s_a"] == total["blind_s_b"] == pytest.approx(0.3)
     scores = [flight["score"] for flight in report["look_at"]]
     assert scores == sorted(scores, reverse=True)
-    assert len(list(tmp_path.glob("0[0-9]_*.png"))) == len(scores) == 3
-    assert (tmp_path / "overview.png").exists()
-    changed = sum(f["kind"] != "changed" for f in _look(tmp_path))
+    assert len(list(compared.glob("0[0-9]_*.png"))) == len(scores) + 1 == 4
+    assert (compared / "overview.png").exists()
+    changed = sum(f["kind"] != "changed" for f in _look(compared))
     assert changed == sum(total[k] for k in ("missed", "phantom", "newly_blind", "newly_valid")) > 0
-    assert len(find_hits(b, str(tmp_path / "look.parquet"))) == changed
+    assert len(find_hits(str(datasets[1]), str(compared / "look.parquet"))) == changed
 
 
 def test_the_report_names_the_command_that_cuts_out_what_changed(
@@ -142,16 +148,15 @@ def test_the_reverse_comparison_exchanges_missed_and_phantom(datasets: tuple[Pat
         assert (there.missed_planes, there.phantom_planes) == (back.phantom_planes, back.missed_planes)
 
 
-def test_a_report_replaces_the_pictures_of_an_earlier_report_only(datasets: tuple[Path, Path], tmp_path: Path) -> None:
+def test_a_report_replaces_the_pictures_of_an_earlier_report_only(
+    datasets: tuple[Path, Path], compared: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """Each file like 01_*.png in the folder was deleted."""
-    own = tmp_path / "01_holiday.png"
-    own.write_bytes(b"a picture of the user")
-    a, b = map(str, datasets)
-    assert main(["batch", "--compare", a, b, "-o", str(tmp_path)]) == 0
-    assert len(list(tmp_path.glob("0[0-9]_*.png"))) == 4
-    assert main(["batch", "--compare", a, a, "-o", str(tmp_path)]) == 0
-    assert list(tmp_path.glob("0[0-9]_*.png")) == [own]
-    assert sorted(path.name for path in tmp_path.iterdir()) == [
+    folder = shutil.copytree(compared, tmp_path / "copy")
+    a = str(datasets[0])
+    assert main(["batch", "--compare", a, a, "-o", str(folder), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out) == json.loads((folder / "report.json").read_text())
+    assert sorted(path.name for path in folder.iterdir()) == [
         "01_holiday.png",
         "flights.parquet",
         "overview.png",

@@ -164,8 +164,8 @@ ALL = pytest.mark.parametrize("reader", [px4, coarse_px4, ardupilot])
     ("reader", "scene"), [(px4, facade), (coarse_px4, tree), (ardupilot, facade), (ardupilot, tree)]
 )
 def test_it_stops_before_what_stands_in_its_way(reader: type, scene: type) -> None:
-    flight = Flight(scene(), reader())
-    flight.fly(12.0)
+    flight = Flight(scene(), reader(), x_m=9.0)
+    flight.fly(8.0)
     assert max(speed for _, speed in flight.track) > 2.0  # it flew
     assert max(x for x, _ in flight.track) <= 20.0 - MARGIN_M + 0.1
     assert 20.0 - flight.x_m < MARGIN_M + 1.5  # and came near
@@ -174,7 +174,7 @@ def test_it_stops_before_what_stands_in_its_way(reader: type, scene: type) -> No
 
 @ALL
 def test_it_passes_a_gap_of_twice_the_margin_and_a_metre(reader: type) -> None:
-    flight = Flight(facade(gap_m=2 * MARGIN_M + 1.0), reader())
+    flight = Flight(facade(gap_m=2 * MARGIN_M + 1.0), reader(), x_m=9.0)
     flight.fly(20.0, until_m=23.0)
     assert flight.x_m > 23.0
 
@@ -187,14 +187,14 @@ def test_it_does_not_fly_into_a_column_without_texture_before_a_wall(reader: typ
     b.box("column", 8.3, 0.0, 0.6, 0.6, 6.0)
     b.box("wall", 13.15, 0.0, 0.3, 40.0, 6.0)
     flight = Flight(b.build(), reader(), textureless="column")
-    flight.fly(8.0)
+    flight.fly(5.0)
     assert max(x for x, _ in flight.track) < 8.0 - AVOID.radius_m
 
 
 def test_ardupilots_low_pass_as_delivered_brakes_in_time() -> None:
     """PRX_FILT of 0.25 Hz sees a wall that comes nearer where it was 0.6 s ago."""
-    flight = Flight(facade(), ArduPilotReader(margin_m=MARGIN_M, filter_hz=0.25))
-    flight.fly(12.0)
+    flight = Flight(facade(), ArduPilotReader(margin_m=MARGIN_M, filter_hz=0.25), x_m=9.0)
+    flight.fly(9.0)
     assert 19.0 - MARGIN_M < max(x for x, _ in flight.track) <= 20.0 - MARGIN_M + 0.1
 
 
@@ -207,7 +207,7 @@ def test_it_stops_when_the_chain_breaks(reader: type, fault: str) -> None:
         flight.dies_at_m = 9.0
     else:
         flight.silent_at_m = 9.0
-    flight.fly(12.0)
+    flight.fly(8.0)
     assert max(speed for _, speed in flight.track) > 2.0
     assert flight.x_m < 15.0
     assert (
@@ -274,10 +274,10 @@ def test_a_vehicle_that_leans_into_its_flight_flies_on(reader: type, pitch_deg: 
 def test_a_vehicle_that_hovers_leaning_has_never_seen_the_upper_half_and_stands(remember_s: float) -> None:
     flight = Flight(open_field(), px4(), avoid=replace(AVOID, remember_free_s=remember_s))
     flight.lean_rad = (0.0, math.radians(-25.0))
-    flight.fly(4.0)
+    flight.fly(2.0)
     begun_m = flight.x_m
     assert begun_m < 5.05  # before the camera counts as seeing, the artificial wall stands 2 cm outside CP_DIST
-    flight.fly(4.0)
+    flight.fly(3.0)
     assert flight.x_m == begun_m
 
 

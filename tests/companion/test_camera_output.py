@@ -14,7 +14,7 @@ import pytest
 
 from companion.cameras.process_output import MOST_CHARACTERS, MOST_LINES, forward
 
-from .test_camera_supervisor import CAMERA
+from .watched_camera import CAMERA
 
 pytestmark = pytest.mark.process
 

@@ -1,4 +1,4 @@
-"""Supervision of real camera processes: what they do wrong is noticed, named and mended."""
+"""Camera processes: started, supervised, ended and started again."""
 
 from __future__ import annotations
 
@@ -10,93 +10,32 @@ import os
 import signal
 import subprocess
 import sys
-import textwrap
 import time
 from collections.abc import Callable
-from dataclasses import asdict
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from companion.cameras import supervisor as camera_supervisor
 from companion.cameras import worker
-from companion.cameras.factory import make_source
-from companion.cameras.frozen_frames import FrozenFrameDetector
 from companion.cameras.status import CameraCondition, CameraStatus
 from companion.cameras.supervisor import CameraSupervisor
-from companion.cameras.worker import info_from_json
 from companion.config.camera import CameraConfig
 from companion.config.service import SupervisorParams
-from core.extractor import Extractor
-from core.frames import R_CAMFRD_OPTICAL
-from core.params import Params
 from core.types import (
-    FAR_MM,
-    GREATEST_MARK_MM,
-    SATURATED_MM,
-    TEXTURELESS_MM,
-    UNKNOWN_MM,
     CameraInfo,
-    CameraMount,
     DepthFrame,
-    Intrinsics,
 )
 from drivers.base import DepthSource, DeviceLost
 from drivers.cameras.frame_channel import FrameReader
 
-pytestmark = pytest.mark.process
+from .watched_camera import CAMERA
 
+pytestmark = pytest.mark.process
 QUICK = SupervisorParams(silent_s=0.3, restart_s=1.0, first_backoff_s=0.0, longest_backoff_s=0.2)
 PATIENT = SupervisorParams(silent_s=10.0, restart_s=30.0, first_backoff_s=0.0, longest_backoff_s=0.2)
 """Where silence is not the subject: a slow machine may hold up a camera process for seconds."""
-
-CAMERA = textwrap.dedent("""
-    import json, os, sys, time
-    from dataclasses import asdict
-    import numpy as np
-    from core.types import CameraInfo, DepthFrame, Intrinsics
-    from drivers.base import DeviceLost
-    from drivers.cameras.frame_channel import FrameWriter
-
-    writer = FrameWriter(int(sys.argv[2]), "front")
-    habit, times = sys.argv[1].split(":")
-    rng = np.random.default_rng(0)
-    info = CameraInfo("front", Intrinsics(64, 48, 60.0, 60.0, 32.0, 24.0))
-    notice = "the rows differ" if habit == "misaligned" and not os.path.exists("was_open") else ""
-    exchanged = habit == "exchanged" and os.path.exists("is_exchanged")
-    identity = "serial 2" if exchanged else "serial 1" if habit == "exchanged" else ""
-    writer.send("opened", info=asdict(info), notice=notice, identity=identity)
-    depth = np.full((48, 64), 3000, np.uint16)
-    for k in range(1 << 30):
-        after = k >= int(times)
-        if habit == "twice" and k % 2 or habit == "frozen" and after or habit == "stands":
-            pass  # the image before
-        else:
-            depth = rng.integers(2000, 3000, (48, 64)).astype(np.uint16)
-        if after and habit == "ends":
-            writer.send("failed", cause="the cable is out")
-            sys.exit(1)
-        if after and habit == "fails":
-            writer.send("failed", cause="the cable is out")
-            time.sleep(1000)
-        if after and habit == "exits":
-            os._exit(7)
-        if after and habit == "hangs":
-            time.sleep(1000)
-        now = time.monotonic_ns()
-        if after and habit == "silent":
-            writer.send("alive")
-        else:
-            try:
-                stamp = 5 if after and habit == "stuck" else now
-                writer.write(DepthFrame(camera="front", sequence=k, t_exposure_ns=stamp, t_arrival_ns=now, depth_mm=depth))
-            except DeviceLost:
-                sys.exit(1)
-        time.sleep(0.01)
-""")
 
 
 class Watched:
@@ -394,194 +333,3 @@ def test_the_process_ends_with_the_service(tmp_path: Path) -> None:
     assert w.is_(CameraCondition.STOPPED)
     with pytest.raises(ProcessLookupError):
         os.kill(pid, 0)
-
-
-def frame_of(depth_mm: NDArray[np.uint16], k: int) -> DepthFrame:
-    return DepthFrame(camera="a", sequence=k, t_exposure_ns=k, t_arrival_ns=k, depth_mm=depth_mm)
-
-
-def test_a_static_scene_with_noise_is_not_frozen_and_one_without_is() -> None:
-    rng = np.random.Generator(np.random.PCG64(0))
-    judge = FrozenFrameDetector(4)
-    for k in range(20):
-        depth = rng.integers(2990, 3010, (48, 64)).astype(np.uint16)
-        assert judge.check(DepthFrame(camera="a", sequence=k, t_exposure_ns=k, t_arrival_ns=k, depth_mm=depth)) == ""
-    same = np.full((48, 64), 3000, np.uint16)
-    texts = [
-        judge.check(DepthFrame(camera="a", sequence=k, t_exposure_ns=k, t_arrival_ns=k, depth_mm=same))
-        for k in range(20, 26)
-    ]
-    assert texts == ["", "", "", "", "the same image 5 times in a row", "the same image 6 times in a row"]
-
-
-@pytest.mark.parametrize("mark", [UNKNOWN_MM, TEXTURELESS_MM, GREATEST_MARK_MM, SATURATED_MM])
-def test_images_without_any_measurement_are_not_frozen(mark: int) -> None:
-    """A covered lens, darkness or a cloudless sky gives the same image again and again, and a restart would only make the
-    camera blind for longer. Such a frame is invalid."""
-    detector, blank = FrozenFrameDetector(4), np.full((48, 64), mark, np.uint16)
-    assert [detector.check(frame_of(blank, k)) for k in range(20)] == [""] * 20
-    blank = blank.copy()
-    blank[40] = 3000
-    assert detector.check(frame_of(blank, 20)) == ""
-
-
-@pytest.mark.parametrize(("measured_px", "frozen"), [(61, False), (62, True)])
-def test_an_image_that_is_invalid_for_lack_of_measurements_is_not_frozen(measured_px: int, frozen: bool) -> None:
-    """A lamp in the dark: its depth may repeat, since nothing else is measured and its steps are coarse. Frames of which 2 %
-    or less are measured are invalid, so that an old one cannot be taken for the present; a restart every few seconds would
-    make the camera blind when light returns."""
-    detector, image = FrozenFrameDetector(4, Params().min_measured_share), np.zeros((48, 64), np.uint16)
-    image.ravel()[1000 : 1000 + measured_px] = 3000
-    image.ravel()[1000] = FAR_MM
-    assert any(detector.check(frame_of(image, k)) for k in range(20)) is frozen
-
-
-def test_what_counts_as_too_few_measurements_is_invalid_for_the_extractor() -> None:
-    info = CameraInfo("a", Intrinsics(64, 48, 60.0, 60.0, 32.0, 24.0))
-    image = np.zeros((48, 64), np.uint16)
-    image.ravel()[1000:1061] = 3000
-    image.ravel()[1000] = FAR_MM
-    model, _ = Extractor(Params()).extract(image, info, R_CAMFRD_OPTICAL)
-    assert not model.valid
-
-
-@pytest.mark.parametrize("depth_mm", [3000, FAR_MM])
-def test_one_repeated_pixel_that_counts_as_measured_is_enough(depth_mm: int) -> None:
-    """FAR_MM is free space: an old image of it must not pass."""
-    detector, image = FrozenFrameDetector(4), np.zeros((48, 64), np.uint16)
-    image[41, 5] = depth_mm
-    assert [bool(detector.check(frame_of(image, k))) for k in range(6)] == [False] * 4 + [True] * 2
-
-
-def test_any_pixel_that_changes_shows_a_live_image() -> None:
-    detector = FrozenFrameDetector(4)
-    for k in range(20):
-        image = np.full((48, 64), 3000, np.uint16)
-        image[41, 5] += k
-        assert detector.check(frame_of(image, k)) == ""
-        assert not detector.repeats
-
-
-@pytest.mark.parametrize("ring", [1, 2, 4, 32])
-def test_a_camera_that_delivers_its_buffers_again_is_frozen(ring: int) -> None:
-    """A driver that loses count delivers a ring of old images under new stamps: each differs from the one before."""
-    rng = np.random.Generator(np.random.PCG64(0))
-    images = [rng.integers(2990, 3010, (48, 64)).astype(np.uint16) for _ in range(40)]
-    detector = FrozenFrameDetector(4)
-    for k, image in enumerate(images):
-        assert detector.check(frame_of(image, k)) == ""
-        assert not detector.repeats
-    texts = []
-    for k in range(12):
-        texts.append(detector.check(frame_of(images[40 - ring + k % ring], 40 + k)))
-        assert detector.repeats  # none of them is used
-    assert texts[:3] == [""] * 3
-    assert all(texts[4:])
-    fresh = [rng.integers(2990, 3010, (48, 64)).astype(np.uint16) for _ in range(2)]
-    assert [bool(detector.check(frame_of(image, 60 + k))) for k, image in enumerate(fresh)] == [True, False]
-    assert not detector.repeats
-
-
-def test_one_new_image_of_a_frozen_camera_is_no_sign_of_life() -> None:
-    """A camera that hangs keeps its image over a restart. The host aligns the rows of both images anew, with this image alone, so that
-    its depth differs from the one before: each restart passed one old image on as the present."""
-    rng = np.random.Generator(np.random.PCG64(0))
-    detector = FrozenFrameDetector(4)
-    openings = [rng.integers(2990, 3010, (48, 64)).astype(np.uint16) for _ in range(4)]
-    causes = [detector.check(frame_of(openings[k // 10], k)) for k in range(40)]
-    used = [k for k, cause in enumerate(causes) if not cause]
-    assert used == [0, 1, 2, 3]
-    assert causes[10] == "fewer than 2 new images after repeated ones"
-    live = [rng.integers(2990, 3010, (48, 64)).astype(np.uint16) for _ in range(3)]
-    twice = [live[k // 2] for k in range(6)]  # a camera may deliver each image twice
-    assert [bool(detector.check(frame_of(image, 40 + k))) for k, image in enumerate(twice)] == [True] * 2 + [False] * 4
-
-
-def test_stamps_that_do_not_advance_four_times_are_frozen() -> None:
-    rng = np.random.Generator(np.random.PCG64(0))
-    detector, texts = FrozenFrameDetector(4), []
-    for t_ns in (7, 7, 7, 7, 8, 8, 8, 7, 7, 9, 10):
-        depth = rng.integers(2990, 3010, (48, 64)).astype(np.uint16)
-        frame = DepthFrame(camera="a", sequence=0, t_exposure_ns=t_ns, t_arrival_ns=t_ns, depth_mm=depth)
-        texts.append(detector.check(frame))
-    assert texts == [""] * 8 + [
-        "its stamps have not moved for 4 frames",
-        "fewer than 2 new images after repeated ones",
-        "",
-    ]
-
-
-@pytest.mark.parametrize(("hz", "repetitions"), [(60, 4), (15, 4), (10, 3), (5, 2), (2, 2)])
-def test_a_slow_camera_is_frozen_after_fewer_repetitions(hz: int, repetitions: int) -> None:
-    """At 5 Hz an image of 0.8 s ago was still used."""
-    judge, same = FrozenFrameDetector(4), np.full((48, 64), 3000, np.uint16)
-    texts = []
-    for k in range(6):
-        t_ns = k * 10**9 // hz
-        texts.append(
-            judge.check(DepthFrame(camera="a", sequence=k, t_exposure_ns=t_ns, t_arrival_ns=t_ns, depth_mm=same))
-        )
-    assert [bool(text) for text in texts] == [k >= repetitions for k in range(6)]
-
-
-def test_a_description_survives_the_way_between_processes() -> None:
-    info = CameraInfo(
-        "a", Intrinsics(64, 48, 60.0, 61.0, 32.0, 24.0), CameraMount(0.1, 0.2, 0.3, 1, 2, 3), 0.2, 9.0, 0.004
-    )
-    assert info_from_json(asdict(info)) == info
-
-
-def test_a_simulated_camera_takes_rendered_stereo(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    section = CameraConfig(
-        name="front", kind="simulated", render="stereo", width_px=96, disparities=32, fps=1.0, flight="street"
-    )
-    assert section.unmatched_px == 32
-    assert CameraConfig(name="front", kind="simulated", width_px=96).unmatched_px == 0
-    with make_source(section) as source:
-        frame = source.read(2.0)
-        assert frame is not None
-        assert frame.depth_mm.shape == (72, 96)
-        assert not (frame.depth_mm[:, :20] > 0).any()
-        assert (frame.depth_mm[:, 32:] > 0).mean() > 0.1
-        assert source.info.ke_per_m == pytest.approx(0.3 / (67.5 * 0.12))
-
-
-def test_the_sky_of_a_simulated_camera_is_unmeasured_unless_it_is_configured_as_far(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Both cameras keep their frames in one folder: the setting is part of the frames' name."""
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    far_px = []
-    for sky_is_far in (False, True):
-        section = CameraConfig(
-            name="front", kind="simulated", width_px=96, fps=1.0, flight="trees", sky_is_far=sky_is_far
-        )
-        with make_source(section) as source:
-            frame = source.read(2.0)
-            assert frame is not None
-            far_px.append(int((frame.depth_mm == FAR_MM).sum()))
-    assert far_px[0] == 0
-    assert far_px[1] > 500
-
-
-@pytest.mark.parametrize("given", [{"kind": "simulated", "render": "stereo"}, {"kind": "oak"}])
-def test_a_far_sky_is_refused_where_it_has_no_effect(given: dict[str, Any]) -> None:
-    with pytest.raises(ValueError, match="sky_is_far = true is for kind"):
-        CameraConfig(name="front", sky_is_far=True, **given)
-
-
-def test_a_camera_that_follows_an_autopilot_renders_no_stereo() -> None:
-    """It would deliver depth of the noise model under the description of a stereo camera."""
-    with pytest.raises(ValueError, match='render = "stereo" is not available with follow'):
-        CameraConfig(name="front", kind="simulated", follow="udpin:127.0.0.1:14551", render="stereo")
-
-
-def test_a_recording_is_no_live_camera() -> None:
-    with pytest.raises(ValueError, match="is not a live camera"):
-        make_source(CameraConfig(name="a", kind="mcap"))
-
-
-def test_parameters_out_of_range_are_named() -> None:
-    with pytest.raises(ValueError, match=r"supervision: silent_s = 0.0: expected 0.05..10.0 s"):
-        SupervisorParams(silent_s=0.0)

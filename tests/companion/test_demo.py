@@ -44,10 +44,11 @@ def test_the_demo_flies_the_service_and_makes_what_it_names(tmp_path: Path, caps
     assert sum(isinstance(m, pb.PrismsFrame) and m.valid for m in results) > 5
 
 
-def test_the_demo_keeps_the_logs_of_the_user(
+def test_the_demo_keeps_the_logs_of_the_user_and_draws_its_page_alone_without_matplotlib(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """It replaced prisms.mcap, and deleted the folder logs."""
+    """It replaced prisms.mcap, and deleted the folder logs. An installation without the extra `view` failed at its end."""
+    monkeypatch.setitem(sys.modules, "matplotlib.backends.backend_agg", None)
     log, result = tmp_path / "logs" / "flight.000.mcap", tmp_path / "prisms.mcap"
     log.parent.mkdir()
     log.write_text("the only copy")
@@ -61,7 +62,13 @@ def test_the_demo_keeps_the_logs_of_the_user(
     assert result.read_text() == "the only copy"
     assert earlier.exists()
     assert main([*words, "--replace"]) == 0
-    assert not earlier.exists()  # *.png in the output named pictures of two flights
+    printed = capsys.readouterr()
+    assert "pictures need matplotlib" in printed.err
+    assert "pip install 'matplotlib" in printed.err
+    assert f"companion run -c {os.path.relpath(ROOT / 'configs' / 'simulated.toml')}" in printed.out
+    assert f"({os.path.relpath(ROOT / 'docs' / 'how-to' / 'import-recordings.md')})" in printed.out
+    assert (tmp_path / "view" / "flight.html").stat().st_size > 10_000
+    assert not list((tmp_path / "view").glob("*.png"))  # the earlier one neither: they would be of two flights
     assert log.read_text() == "the only copy"
     assert sorted(p.name for p in tmp_path.iterdir()) == ["logs", "prisms.mcap", "view"]
 
@@ -79,22 +86,6 @@ def test_a_demo_keeps_the_log_of_one_that_is_running(tmp_path: Path, capsys: pyt
     assert recorded.read_text() == "being written"
     with sole_use(tmp_path):
         pass  # it has ended
-
-
-def test_without_matplotlib_the_demo_draws_its_page_alone(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """An installation without the extra `view` failed at the end of the demo."""
-    monkeypatch.setitem(sys.modules, "matplotlib.backends.backend_agg", None)
-    out = tmp_path / "out"
-    assert main(["demo", "--fast", "--seconds", "1", "-o", str(out)]) == 0
-    printed = capsys.readouterr()
-    assert "pictures need matplotlib" in printed.err
-    assert "pip install 'matplotlib" in printed.err
-    assert f"companion run -c {os.path.relpath(ROOT / 'configs' / 'simulated.toml')}" in printed.out
-    assert f"({os.path.relpath(ROOT / 'docs' / 'how-to' / 'import-recordings.md')})" in printed.out
-    assert (out / "view" / "flight.html").stat().st_size > 10_000
-    assert not list((out / "view").glob("*.png"))
 
 
 def test_causes_of_one_code_are_counted_by_their_texts() -> None:

@@ -25,7 +25,7 @@ from companion.config.avoidance import AvoidParams
 from drivers.simulation.firmware_models.ardupilot import ArduPilotReader
 from drivers.simulation.firmware_models.px4 import Px4Reader
 
-from .test_sectors import HERE, model, wall_at
+from .sector_models import HERE, model, wall_at
 
 AVOID = AvoidParams(radius_m=0.3, max_distance_m=12.0, min_distance_m=0.2, avoid_margin_m=2.0)
 NS, MS = 1_000_000_000, 1_000_000

@@ -18,7 +18,7 @@ from drivers.mavlink.session_types import Vehicle
 from drivers.simulation.autopilot import ARDUPILOT, PX4, SimulatedAutopilot
 from drivers.simulation.firmware_profile import FirmwareProfile
 
-from .test_avoidance import answers
+from .parameter_replies import answers
 
 NS = 1_000_000_000
 AVOID = AvoidParams(max_distance_m=12.0)

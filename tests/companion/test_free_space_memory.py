@@ -19,7 +19,7 @@ from companion.pipeline.transform import LevelTransform
 from core.frames import rotation_frd_optical
 from core.types import CameraMount, Intrinsics
 
-from .test_sectors import HERE, model
+from .sector_models import HERE, model
 
 AVOID = AvoidParams(radius_m=0.3, max_distance_m=12.0, remember_free_s=3.0)
 NS = 1_000_000_000

@@ -16,7 +16,7 @@ from companion.guard.path_sight import PathSight
 from companion.guard.turn import AHEAD_S
 
 from .guard_sight import AVOID, BRAKING, GUARD, MS, SIGHT, T_NS, action, later, seen
-from .test_sectors import model
+from .sector_models import model
 
 
 def test_distances_of_views_that_were_not_moved_begin_at_their_exposure() -> None:

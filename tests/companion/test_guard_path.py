@@ -21,7 +21,7 @@ from companion.pipeline.transform import LevelTransform
 from core.types import Intrinsics
 
 from .guard_sight import AVOID, GUARD, HERE, T_NS, at, plane, seen
-from .test_sectors import model
+from .sector_models import model
 
 
 def test_sees_as_far_as_the_profile() -> None:

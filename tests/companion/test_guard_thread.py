@@ -31,8 +31,8 @@ from drivers.watched_thread import WatchedThread
 from tests.waiting import until
 
 from .guard_sight import HERE, plane
+from .sector_models import model
 from .test_guard_certainty import COPTER, LINK
-from .test_sectors import model
 
 NS = 1_000_000_000
 START_NS = 100 * NS

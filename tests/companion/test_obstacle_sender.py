@@ -32,7 +32,7 @@ from drivers.simulation.firmware_models.px4 import Px4Reader
 from tests.waiting import until
 
 from .made_up import MS, frame
-from .test_sectors import model, wall_at
+from .sector_models import model, wall_at
 
 NS = 1_000_000_000
 CAMERA = CameraInfo("front", Intrinsics(64, 48, 45.0, 45.0, 31.5, 23.5), CameraMount())

@@ -16,7 +16,7 @@ from companion.config.guard import GuardParams
 from companion.guard.path_sight import path_sight
 from core.types import FrameModel
 
-from .test_sectors import AVOID, HERE, NS, model, wall_at
+from .sector_models import AVOID, HERE, NS, model, wall_at
 
 
 def open_ahead(*planes: tuple[float, ...], free_to_m: float = 4.0, open_to_m: float = 13.0) -> FrameModel:

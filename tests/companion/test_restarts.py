@@ -21,7 +21,7 @@ from drivers.mavlink.link import MavlinkLink
 from drivers.mavlink.session import MavlinkSession
 from tests.waiting import until
 
-from .test_camera_supervisor import CAMERA
+from .watched_camera import CAMERA
 
 pytestmark = pytest.mark.soak
 

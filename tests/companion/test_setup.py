@@ -3,67 +3,28 @@
 from __future__ import annotations
 
 import sys
-import types
-from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
 
 import pytest
 
 import companion.setup.setup as setup
 from companion.cli import main
-from companion.config.camera import CameraConfig
 from companion.config.camera_kinds import CAMERA_KINDS
 from companion.config.loader import load_config
-from companion.diagnostic import DiagnosticCode
-from companion.doctor import intrinsics_check
 from companion.setup import listen
 from companion.setup.configuration import Answers, configuration_text
 from companion.setup.devices import FoundCamera, find_cameras, find_serial_ports
 from companion.setup.listen import candidates
-from core.types import Intrinsics
-from drivers.base import DeviceNotFound
-from drivers.cameras.realsense_calibration import DepthCalibration, read_calibration
 
-CALIBRATION = DepthCalibration(Intrinsics(640, 480, 391.2, 391.3, 322.1, 238.7), 1.0, True, "123")
+from .usb_tree import CALIBRATION, D435, usb, video
+
 ROOT = Path(__file__).resolve().parents[2]
 EYE = "fx=350\nfy=350\ncx=336\ncy=188\nk1=0\nk2=0\np1=0\np2=0\nk3=0\n"
 ZED_CALIBRATION = (
     f"[LEFT_CAM_VGA]\n{EYE}\n[RIGHT_CAM_VGA]\n{EYE}\n[STEREO]\nBaseline=120\nTY=0\nTZ=0\nCV_VGA=0\nRX_VGA=0\nRZ_VGA=0\n"
 )
-D435 = "usb-Intel_R__RealSense_TM__Depth_Camera_435-video-index0"
 D405 = "usb-Intel_R__RealSense_TM__Depth_Camera_405_88-video-index0"
-
-
-def usb(folder: Path, *devices: tuple[str, str, str], functions: dict[int, int] | None = None) -> Path:
-    """A tree as below /sys/bus/usb/devices: vendor, product and serial number of each. functions: number of video functions by the
-    place of the device, each with an image and a metadata node; of a RealSense D435 depth, then colour."""
-    number = 0
-    for k, (vendor, product, serial) in enumerate(devices):
-        place = folder / "usb" / f"1-{k}"
-        place.mkdir(parents=True)
-        for name, text in (("idVendor", vendor), ("product", product), ("serial", serial)):
-            (place / name).write_text(text + "\n")
-        for function in range((functions or {}).get(k, 0)):
-            for index in range(2):
-                node = place / f"1-{k}:1.{3 * function}" / "video4linux" / f"video{number}"
-                node.mkdir(parents=True)
-                (node / "index").write_text(f"{index}\n")
-                number += 1
-    return folder / "usb"
-
-
-def video(folder: Path, **names: str) -> tuple[Path, Path]:
-    """Folders as /dev/v4l/by-id and by-path, which link to the nodes in /dev. names: node -> name, with / before one by path."""
-    folders = folder / "by-id", folder / "by-path"
-    for place in folders:
-        place.mkdir()
-    for node, listed in names.items():
-        for name in listed.split():
-            link = folders[1] / name[1:] if name.startswith("/") else folders[0] / name
-            link.symlink_to(folder / "dev" / node)
-    return folders
 
 
 def test_cameras_are_found_by_their_makers(tmp_path: Path) -> None:
@@ -362,152 +323,6 @@ def test_configs_are_listed_and_copied(
     assert main(["configs", "simulated"]) == 1
     assert main(["configs", "moon"]) == 2
     assert "no configuration 'moon'; there are default" in capsys.readouterr().err
-
-
-# ---- intrinsics of a RealSense ----------------------------------------------------------------------------------------
-
-
-class Profile:
-    """A stream of the fake device, as pyrealsense2 describes it."""
-
-    def __init__(self, size: tuple[int, int], kind: str = "depth") -> None:
-        self._size, self._kind = size, kind
-
-    def stream_type(self) -> str:
-        return self._kind
-
-    def format(self) -> str:
-        return "z16"
-
-    def as_video_stream_profile(self) -> Profile:
-        return self
-
-    def width(self) -> int:
-        return self._size[0]
-
-    def height(self) -> int:
-        return self._size[1]
-
-    def get_intrinsics(self) -> Any:
-        return SimpleNamespace(width=self._size[0], height=self._size[1], fx=391.2, fy=391.3, ppx=322.1, ppy=238.7)
-
-
-def board_serial(serial: str) -> str:
-    """The serial number of the main board, which USB and the names in /dev/v4l/by-id contain; `serial` is that of the optics."""
-    return serial.replace("1", "7")
-
-
-def library(*serials: str) -> types.ModuleType:
-    """A pyrealsense2 with these devices, each with two depth streams."""
-    sensor = SimpleNamespace(
-        get_stream_profiles=lambda: [Profile((640, 480), "color"), Profile((848, 480)), Profile((640, 480))],
-        get_depth_scale=lambda: 0.001,
-        supports=lambda option: True,
-        get_option=lambda option: 1.0,
-    )
-    devices = [
-        SimpleNamespace(
-            get_info=lambda kind, s=s: s if kind == "serial_number" else board_serial(s),
-            supports=lambda kind: True,
-            first_depth_sensor=lambda: sensor,
-        )
-        for s in serials
-    ]
-    module = types.ModuleType("pyrealsense2")
-    module.__spec__ = SimpleNamespace(name="pyrealsense2")  # type: ignore[assignment]
-    for name, value in {
-        "context": lambda: SimpleNamespace(query_devices=lambda: devices),
-        "camera_info": SimpleNamespace(serial_number="serial_number", asic_serial_number="asic_serial_number"),
-        "stream": SimpleNamespace(depth="depth"),
-        "format": SimpleNamespace(z16="z16"),
-        "option": SimpleNamespace(emitter_enabled="emitter_enabled"),
-    }.items():
-        setattr(module, name, value)
-    return module
-
-
-@pytest.fixture
-def one_device(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "pyrealsense2", library("123"))
-
-
-@pytest.mark.usefixtures("one_device")
-def test_intrinsics_unit_and_emitter_are_read() -> None:
-    assert read_calibration(640, 480) == CALIBRATION
-    with pytest.raises(DeviceNotFound, match="it offers 640x480, 848x480"):
-        read_calibration(1280, 720)
-    with pytest.raises(DeviceNotFound, match="connected: 123"):
-        read_calibration(640, 480, serial="999")
-
-
-def test_of_several_devices_none_is_guessed(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "pyrealsense2", library("1", "2"))
-    with pytest.raises(DeviceNotFound, match="2 match"):
-        read_calibration(640, 480)
-    assert read_calibration(640, 480, serial="2").serial == "2"
-
-
-def test_the_device_is_found_by_its_serial_number_on_usb(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A D400 has another one there than the library reports as its own: the intrinsics of none were read."""
-    monkeypatch.setitem(sys.modules, "pyrealsense2", library("813112060123", "943222072600"))
-    assert read_calibration(640, 480, serial="873772060723").serial == "813112060123"
-    with pytest.raises(DeviceNotFound, match="0 match; connected: 813112060123, 943222072600"):
-        read_calibration(640, 480, serial="111111111111")
-
-
-def camera(fx_px: float, unit_mm: float = 1.0) -> CameraConfig:
-    return CameraConfig(
-        name="front",
-        kind="v4l2",
-        device=f"/dev/v4l/by-id/{D435}",
-        fx_px=fx_px,
-        fy_px=391.3,
-        cx_px=322.1,
-        cy_px=238.7,
-        depth_unit_mm=unit_mm,
-    )
-
-
-@pytest.mark.usefixtures("one_device")
-@pytest.mark.parametrize(
-    ("configured", "wrong"),
-    [(camera(391.0), ""), (camera(383.0), "fx_px = 391.2"), (camera(391.2, 0.1), "depth_unit_mm = 1.0")],
-)
-def test_the_doctor_compares_with_the_device(configured: CameraConfig, wrong: str) -> None:
-    (finding,) = intrinsics_check.intrinsics_findings([configured, CameraConfig(name="right", kind="oak")])
-    assert finding.ok == (not wrong)
-    assert wrong in finding.text
-    assert finding.code == (DiagnosticCode.INTRINSICS_DIFFER if wrong else "")
-
-
-def test_the_doctor_compares_with_the_device_at_a_port(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Two cameras are connected, and the path of the port does not name the maker."""
-    monkeypatch.setitem(sys.modules, "pyrealsense2", library("123", "456"))
-    node = tmp_path / "usb" / "1-2" / "1-2:1.0" / "video4linux" / "video5"
-    node.mkdir(parents=True)
-    (node / "name").write_text("Intel(R) RealSense(TM) Depth Ca\n")
-    (node / "device").symlink_to(node.parents[1])
-    (node.parents[2] / "serial").write_text(board_serial("123") + "\n")
-    (tmp_path / "port").symlink_to("/dev/video5")
-    configured = replace(camera(383.0), device=str(tmp_path / "port"))
-    (finding,) = intrinsics_check.intrinsics_findings([configured], node.parent)
-    assert "RealSense 123 reports other values" in finding.text
-    (node / "name").write_text("a webcam\n")
-    assert list(intrinsics_check.intrinsics_findings([configured], node.parent)) == []
-
-
-def test_without_the_library_nothing_is_compared(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(intrinsics_check.importlib.util, "find_spec", lambda name: None)
-    assert list(intrinsics_check.intrinsics_findings([camera(383.0)])) == []
-
-
-@pytest.mark.parametrize("name", ["v4l2", "zed"])
-def test_the_template_s_intrinsics_are_refused(name: str, capsys: pytest.CaptureFixture[str]) -> None:
-    shipped = Path(__file__).resolve().parents[2] / "configs" / f"{name}.toml"
-    assert main(["check-config", str(shipped)]) == 1
-    output = capsys.readouterr()
-    assert "usable" not in output.out
-    assert f"configs/{name}.toml" in output.err
 
 
 def test_a_port_that_cannot_be_opened_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

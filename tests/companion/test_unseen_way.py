@@ -40,7 +40,7 @@ from drivers.simulation.scenes import Scene, SceneBuilder
 from drivers.simulation.sensor_model import SensorModel
 from drivers.simulation.source import Rendered, camera_info, render
 
-from .test_sectors import model, wall_at
+from .sector_models import model, wall_at
 
 NS = 1_000_000_000
 AVOID = AvoidParams()

@@ -19,8 +19,8 @@ from companion.guard.velocity_hold import VelocityHold
 from companion.pipeline.pipeline import Pipeline
 from core.types import AttitudeSample, PoseSample
 
+from .sector_models import model, wall_at
 from .test_obstacle_sender import AVOID, CAMERA, Chain
-from .test_sectors import model, wall_at
 
 MS = 1_000_000
 

@@ -14,7 +14,7 @@ from core.types import CONTINUED_MM, TEXTURELESS_MM
 from drivers.cameras.stereo import MatchParams, StereoDepth, StereoMatcher
 from drivers.cameras.zed_calibration import parse_zed_calibration
 
-from .test_zed import NEW, pair
+from .zed_images import NEW, pair
 
 Float = NDArray[Any]
 Y, X = np.mgrid[0:376, 0:672].astype(np.float32)

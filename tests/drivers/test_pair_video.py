@@ -24,7 +24,7 @@ from drivers.cameras.whole_buffers import MOST_IN_A_ROW
 from drivers.cameras.zed_uvc import ZedSettings, ZedSource, halves
 
 from .test_v4l2_depth import FakeStream
-from .test_zed import CALIBRATION, side_by_side
+from .zed_images import CALIBRATION, side_by_side
 
 WANTED = pair_format("front", "/dev/video5", (672, 376), 15.0)
 SETTINGS = ZedSettings(camera="front", device="/dev/video5", calibration=Path("SN2.conf"))

@@ -26,7 +26,7 @@ from osape_client.proto import osape_v1_pb2 as pb
 
 from .oak_host import DEVICE_ALONE, HostLink, depth_message
 from .test_v4l2_depth import SETTINGS, FakeStream, buffer
-from .test_zed import CALIBRATION, side_by_side
+from .zed_images import CALIBRATION, side_by_side
 
 pytestmark = pytest.mark.process
 
