@@ -16,6 +16,7 @@ from typing import Any
 import cv2
 import pytest
 
+from companion.cli import main
 from companion.importers.frames_csv import ATTITUDE, POSITION
 from core.frames import rotation_from_quaternion
 from core.types import AttitudeSample, DepthFrame
@@ -48,6 +49,23 @@ def companion(*arguments: str | Path, env: dict[str, str] | None = None, cwd: Pa
     environment = {**os.environ, **(env or {})}
     done = subprocess.run(command, capture_output=True, text=True, check=False, env=environment, cwd=cwd)
     return Done(done.returncode, done.stdout, done.stderr)
+
+
+class Typed:
+    """Commands in the process of the test: each process of its own imports the service anew."""
+
+    def __init__(self, capsys: pytest.CaptureFixture[str]) -> None:
+        self._capsys = capsys
+
+    def __call__(self, *arguments: str | Path) -> Done:
+        self._capsys.readouterr()
+        status = main([str(argument) for argument in arguments])
+        return Done(status, *self._capsys.readouterr())
+
+
+@pytest.fixture
+def typed(capsys: pytest.CaptureFixture[str]) -> Typed:
+    return Typed(capsys)
 
 
 @pytest.fixture(scope="session")
@@ -103,22 +121,22 @@ def prisms(flight: Path) -> Path:
 
 
 @pytest.mark.process
-def test_replay_checks_its_own_log(prisms: Path) -> None:
+def test_replay_checks_its_own_log(prisms: Path, typed: Typed) -> None:
     done = companion("replay", prisms, "--check", "--json")
     assert (done.status, done.err) == (0, "")
     check = done.json()["check"]
     assert (check["passed"], check["compared"], check["different"]) == (True, FRAMES, 0)
-    people = companion("replay", prisms, "--check")
+    people = typed("replay", prisms, "--check")
     assert people.status == 0
     assert f"check: {FRAMES} frames compared bit by bit: equal" in people.out
 
 
 @pytest.mark.process
-def test_a_check_that_fails(prisms: Path, tmp_path: Path) -> None:
+def test_a_check_that_fails(prisms: Path, typed: Typed, tmp_path: Path) -> None:
     """With other parameters than those of the log it reports the differences and exits with 1."""
     config = tmp_path / "other.toml"
     config.write_text("[extractor]\npassable_width_m = 1.0\n")
-    done = companion("replay", prisms, "--check", "-c", config, "--json")
+    done = typed("replay", prisms, "--check", "-c", config, "--json")
     assert done.status == 1
     check = done.json()["check"]
     assert check["different"] > 0
@@ -128,12 +146,12 @@ def test_a_check_that_fails(prisms: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.process
-def test_info(prisms: Path) -> None:
+def test_info(prisms: Path, typed: Typed) -> None:
     done = companion("info", prisms, "--json")
     assert (done.status, done.err) == (0, "")
     printed = done.json()
     assert {t["topic"]: t["messages"] for t in printed["topics"]}["/camera/front/prisms"] == FRAMES
-    assert "10 valid frames" in companion("info", prisms).out
+    assert "10 valid frames" in typed("info", prisms).out
 
 
 @pytest.mark.process
@@ -147,11 +165,11 @@ def test_view(prisms: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.process
-def test_a_cut_log_is_reported_by_all_and_recovered(prisms: Path, tmp_path: Path) -> None:
+def test_a_cut_log_is_reported_by_all_and_recovered(prisms: Path, typed: Typed, tmp_path: Path) -> None:
     cut, whole = tmp_path / "cut.mcap", tmp_path / "whole.mcap"
     cut.write_bytes(prisms.read_bytes()[: prisms.stat().st_size * 2 // 3])
     for arguments in (("info", cut), ("replay", cut), ("view", cut, "-o", tmp_path / "view", "--no-png")):
-        done = companion(*arguments, "--json")
+        done = typed(*arguments, "--json")
         assert done.status == 1
         assert done.json()
         assert done.err.startswith("companion: error: ")
@@ -160,18 +178,34 @@ def test_a_cut_log_is_reported_by_all_and_recovered(prisms: Path, tmp_path: Path
     done = companion("recover", cut, "-o", whole, "--json")
     assert done.status == 0
     assert done.json()["damage"]
-    assert companion("info", whole).status == 0
-    again = companion("replay", whole, "--check", "--json")
+    assert typed("info", whole).status == 0
+    again = typed("replay", whole, "--check", "--json")
     assert again.status == 0
     assert 0 < again.json()["check"]["compared"] < FRAMES
-    assert companion("recover", whole).out.startswith(f"{whole} is complete")
+    assert typed("recover", whole).out.startswith(f"{whole} is complete")
 
 
 @pytest.mark.process
+@pytest.mark.parametrize("in_process", [False, True])
+@pytest.mark.parametrize(("arguments", "status"), [((), 2), (("replay", "absent.mcap"), 1)])
+def test_a_failure_is_the_same_in_a_process_of_its_own(
+    arguments: tuple[str, ...], status: int, in_process: bool, typed: Typed, in_folder: Path
+) -> None:
+    done = typed(*arguments) if in_process else companion(*arguments, cwd=in_folder)
+    assert (done.status, done.out) == (status, "")
+    assert "error: " in done.err
+    assert "Traceback" not in done.err
+
+
+@pytest.fixture
+def in_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
 @pytest.mark.parametrize(
     "arguments",
     [
-        (),
         ("fly",),
         ("replay",),
         ("import", "somewhere"),
@@ -180,15 +214,13 @@ def test_a_cut_log_is_reported_by_all_and_recovered(prisms: Path, tmp_path: Path
         ("view", "a.mcap", "-o", "x", "--every", "0"),
     ],
 )
-def test_wrong_use(arguments: tuple[str, ...], tmp_path: Path) -> None:
-    done = companion(*arguments, cwd=tmp_path)
+def test_wrong_use(arguments: tuple[str, ...], typed: Typed, in_folder: Path) -> None:
+    done = typed(*arguments)
     assert (done.status, done.out) == (2, "")
     assert "error: " in done.err
-    assert "Traceback" not in done.err
-    assert not list(tmp_path.iterdir())
+    assert not list(in_folder.iterdir())
 
 
-@pytest.mark.process
 @pytest.mark.parametrize(
     ("arguments", "cause", "remedy"),
     [
@@ -204,17 +236,16 @@ def test_wrong_use(arguments: tuple[str, ...], tmp_path: Path) -> None:
         (("check-config", "wrong.toml"), "passable_widht_m: no such key", "did you mean passable_width_m?"),
     ],
 )
-def test_failures(arguments: tuple[str, ...], cause: str, remedy: str, tmp_path: Path) -> None:
-    (tmp_path / "empty").mkdir()
-    (tmp_path / "text.mcap").write_text("this is no log\n")
-    (tmp_path / "wrong.toml").write_text("[extractor]\npassable_widht_m = 2.0\n")
-    done = companion(*arguments, cwd=tmp_path)
+def test_failures(arguments: tuple[str, ...], cause: str, remedy: str, typed: Typed, in_folder: Path) -> None:
+    (in_folder / "empty").mkdir()
+    (in_folder / "text.mcap").write_text("this is no log\n")
+    (in_folder / "wrong.toml").write_text("[extractor]\npassable_widht_m = 2.0\n")
+    done = typed(*arguments)
     assert (done.status, done.out) == (1, "")
     assert done.err.startswith("companion: error: ")
     assert cause in done.err
     assert remedy in done.err
-    assert "Traceback" not in done.err
-    assert not (tmp_path / "x.mcap").exists()
+    assert not (in_folder / "x.mcap").exists()
 
 
 @pytest.mark.process
