@@ -10,8 +10,8 @@ import numpy as np
 
 from core.types import FrameModel
 
+from .report_chain import CLEAR, Chain
 from .sector_models import model, wall_at
-from .test_obstacle_sender import CLEAR, Chain
 
 CLEAR_CM = 1201
 

@@ -21,8 +21,8 @@ from drivers.mavlink.dialect import dialect
 from drivers.mavlink.session_types import Vehicle
 from osape_client.proto import osape_v1_pb2 as pb
 
+from .report_chain import AVOID, CAMERA, Chain
 from .sector_models import model, wall_at
-from .test_obstacle_sender import AVOID, CAMERA, Chain
 
 NS = 1_000_000_000
 HOLD_S = 3.0

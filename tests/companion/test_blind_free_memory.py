@@ -14,8 +14,8 @@ from companion.pipeline.pipeline import Pipeline
 from companion.pipeline.results import PrismsResult
 from core.types import AttitudeSample, CameraMount, PoseSample
 
+from .report_chain import ARDUPILOT, AVOID, CAMERA, NS, Sees, frame
 from .sector_models import model
-from .test_obstacle_sender import ARDUPILOT, AVOID, CAMERA, NS, Sees, frame
 
 CLEAR_CM = 1201
 PX4_UNKNOWN = AutopilotNow(kind="PX4")

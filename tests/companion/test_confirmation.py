@@ -14,8 +14,8 @@ from companion.autopilot.surroundings import Surroundings
 from core.types import FrameModel
 
 from .hovering import CLEAR_CM, one_frame, pole, seeing
+from .report_chain import ARDUPILOT, AVOID, CAMERA, CLEAR, PX4, Chain
 from .sector_models import model
-from .test_obstacle_sender import ARDUPILOT, AVOID, CAMERA, CLEAR, PX4, Chain
 
 
 @pytest.mark.parametrize("autopilot", [PX4, ARDUPILOT])

@@ -19,8 +19,8 @@ from drivers.mavlink.dialect import dialect
 from drivers.simulation.firmware_models.ardupilot_layers import ArduPilotHeights
 from tests.client.test_solid_ground import model_of, room
 
+from .report_chain import ARDUPILOT, AVOID, FAULTS, Chain, broken
 from .sector_models import model
-from .test_obstacle_sender import ARDUPILOT, AVOID, FAULTS, Chain, broken
 
 NS = 1_000_000_000
 UP = replace(AVOID, upward=True, remember_up_s=5.0)

@@ -28,8 +28,8 @@ from companion.autopilot.report_builder import ObstacleReportBuilder
 from companion.config.avoidance import AvoidParams
 from drivers.mavlink.session_types import ARDUPILOT, PX4
 
-from .test_obstacle_sender import CAMERA, Chain
-from .test_obstacle_sender import CLEAR as CLEAR_VIEW
+from .report_chain import CAMERA, Chain
+from .report_chain import CLEAR as CLEAR_VIEW
 
 MS, NS = 1_000_000, 1_000_000_000
 AVOID = AvoidParams(radius_m=0.3, max_distance_m=12.0, min_distance_m=0.2, avoid_margin_m=2.0)

@@ -36,7 +36,7 @@ from drivers.simulation.flight_path import VehicleState
 from tests.ports import free_port
 from tests.waiting import until
 
-from .test_obstacle_sender import CAMERA, CLEAR, Sees
+from .report_chain import CAMERA, CLEAR, Sees
 
 pytestmark = pytest.mark.process
 

@@ -23,8 +23,8 @@ from core.types import CameraInfo, CameraMount, Intrinsics
 from drivers.mavlink.dialect import dialect
 from drivers.mavlink.session_types import Vehicle
 
+from .report_chain import Chain
 from .sector_models import model, wall_at
-from .test_obstacle_sender import Chain
 
 NS = 1_000_000_000
 AVOID = AvoidParams(max_distance_m=12.0, avoid_margin_m=2.0)

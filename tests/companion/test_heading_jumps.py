@@ -34,9 +34,9 @@ from core.world.world import World
 
 from .guard_sight import SIGHT
 from .made_up import INFO, MS, START_NS, EasyExtractor, flight, frame
+from .report_chain import AVOID, CAMERA, NS, PX4, UNKNOWN, Chain
 from .sector_models import HERE, model, wall_at
 from .test_distance_sensor import AHEAD, BEAM
-from .test_obstacle_sender import AVOID, CAMERA, NS, PX4, UNKNOWN, Chain
 
 JUMP = math.radians(40.0)
 

@@ -17,8 +17,8 @@ from companion.pipeline.results import PrismsResult
 from core.types import AttitudeSample, FrameModel
 
 from .hovering import CLEAR_CM, after_ten, one_frame, pole, seeing
+from .report_chain import ARDUPILOT, AVOID, CAMERA, CLEAR, NS, PX4, Chain, Sees, frame
 from .sector_models import model
-from .test_obstacle_sender import ARDUPILOT, AVOID, CAMERA, CLEAR, NS, PX4, Chain, Sees, frame
 
 BLOCKED = model(free_to_m=4.0, view_deg=72.0)
 

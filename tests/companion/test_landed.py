@@ -20,8 +20,8 @@ from core.types import Ground
 from drivers.mavlink.dialect import dialect
 from drivers.mavlink.session_types import Vehicle
 
+from .report_chain import Chain
 from .sector_models import model, wall_at
-from .test_obstacle_sender import Chain
 
 NS = 1_000_000_000
 ARMING_WANTS_CM = 60

@@ -22,9 +22,9 @@ from drivers.mavlink.dialect import dialect
 from drivers.simulation.firmware_models.ardupilot import ArduPilotReader
 from drivers.simulation.firmware_models.ardupilot_layers import LAYERS, MIDDLE, ArduPilotLayers, layer_of
 
+from .report_chain import ARDUPILOT, FAULTS, PX4, Chain, broken
+from .report_chain import AVOID as SENDS
 from .sector_models import model, wall_at
-from .test_obstacle_sender import ARDUPILOT, FAULTS, PX4, Chain, broken
-from .test_obstacle_sender import AVOID as SENDS
 
 AVOID = AvoidParams(radius_m=0.0, points=True)
 POINTS = replace(SENDS, points=True)

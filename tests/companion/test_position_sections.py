@@ -20,8 +20,8 @@ from core.types import PoseSample
 from core.world.world import World
 
 from .made_up import INFO, START_NS, EasyExtractor, flight, frame
+from .report_chain import AVOID, CLEAR, NS, PX4, Chain
 from .sector_models import model, wall_at
-from .test_obstacle_sender import AVOID, CLEAR, NS, PX4, Chain
 
 Vector = tuple[float, float, float]
 MS = NS // 1000

@@ -19,8 +19,8 @@ from companion.guard.velocity_hold import VelocityHold
 from companion.pipeline.pipeline import Pipeline
 from core.types import AttitudeSample, PoseSample
 
+from .report_chain import AVOID, CAMERA, Chain
 from .sector_models import model, wall_at
-from .test_obstacle_sender import AVOID, CAMERA, Chain
 
 MS = 1_000_000
 

@@ -13,78 +13,14 @@ from core.tracking.params import TrackingParams
 from core.tracking.snapshot import STATES, TrackingFrame, TrackSnapshot, TrackState
 from core.tracking.tracker import Tracker
 
-from .worlds import NS, blind, seen, wall
+from .tracked import POST, SMALL, STEP, WALL, distance, frame, with_margin, without_position
+from .worlds import blind, wall
 
 pytestmark = pytest.mark.nojit
-STEP = NS // 10
-WALL = wall(8.0, -4.0, 8.0, 4.0)
-"""Faces a camera at the origin: free space on the right of a -> b is x < 8."""
-POST = wall(4.0, -0.5, 4.0, 0.5)
-SMALL = TrackingParams(most_tracks=256)
-
-
-def frame(
-    walls: list[list[float]],
-    k: int,
-    *,
-    at: tuple[float, float] = (0.0, 0.0),
-    heading: float = 0.0,
-    rng: np.random.Generator | None = None,
-    sigma_m: float = 0.03,
-    reset_counter: int = 0,
-    view_deg: float = 80.0,
-) -> TrackingFrame:
-    """Frame k, ten a second, of walls seen from a place in ned."""
-    rows = np.array(walls, float).reshape(-1, 6)
-    o = seen(rows, at, heading, k * STEP, noise=rng, sigma_m=sigma_m, view_deg=view_deg)
-    return TrackingFrame(
-        model=o.model, camera_m=o.place_m, t_ns=o.t_ns, positioned=True, origin_m=o.place_m, reset_counter=reset_counter
-    )
-
-
-def with_margin(f: TrackingFrame, margin_m: float) -> TrackingFrame:
-    """The same frame with this margin of all planes."""
-    margins = np.full(len(f.model.planes), margin_m, np.float32)
-    return dataclasses.replace(f, model=dataclasses.replace(f.model, margin_m=margins))
-
-
-def with_planes(f: TrackingFrame, planes: list[list[float]], flags: list[int]) -> TrackingFrame:
-    """The frame with these planes instead of its own; its free ranges remain."""
-    n = len(planes)
-    model = dataclasses.replace(
-        f.model,
-        planes=np.array(planes, np.float32).reshape(-1, 6),
-        support_px=np.full(n, 50, np.int32),
-        margin_m=np.full(n, 0.05, np.float32),
-        flags=np.array(flags, np.uint8),
-        cluster=np.zeros(n, np.int32),
-    )
-    return dataclasses.replace(f, model=model)
-
-
-def without_position(f: TrackingFrame) -> TrackingFrame:
-    """The same frame as a vehicle without a position has it: its own place is the origin."""
-    x, y, z = f.camera_m
-    planes = f.model.planes - np.array([x, y, x, y, z, z], np.float32)
-    model = dataclasses.replace(f.model, planes=planes)
-    return dataclasses.replace(f, model=model, camera_m=(0.0, 0.0, 0.0), origin_m=(0.0, 0.0, 0.0), positioned=False)
 
 
 def states(s: TrackSnapshot) -> list[TrackState]:
     return [STATES[int(k)] for k in s.state]
-
-
-def distance(s: TrackSnapshot, x: float, y: float) -> float:
-    """Least distance of a place from any track, seen from above."""
-    best = math.inf
-    for ax, ay, bx, by, *_ in s.planes.tolist():
-        e = np.array([bx - ax, by - ay])
-        q = np.clip(((x - ax) * e[0] + (y - ay) * e[1]) / max(float(e @ e), 1e-9), 0.0, 1.0)
-        best = min(best, math.hypot(ax + q * e[0] - x, ay + q * e[1] - y))
-    return best
-
-
-# ---- appearance, ids, filter ------------------------------------------------------------------------------------------
 
 
 def test_an_obstacle_appears_with_its_first_detection() -> None:
@@ -164,9 +100,6 @@ def test_two_parallel_surfaces_stay_two_tracks() -> None:
     assert len(s.ids) == 2
     assert distance(s, 7.7, -2.0) < 0.05
     assert distance(s, 8.0, 3.0) < 0.05
-
-
-# ---- removal ----------------------------------------------------------------------------------------------------------
 
 
 def test_a_removed_obstacle_goes_within_half_a_second_of_being_seen_through() -> None:
@@ -282,9 +215,6 @@ def test_an_opening_in_a_wall_splits_its_track() -> None:
     assert len(set(s.ids.tolist())) == len(s.ids)
 
 
-# ---- motion of the vehicle --------------------------------------------------------------------------------------------
-
-
 def test_ids_last_along_a_street() -> None:
     tracker, rng = Tracker(SMALL), np.random.default_rng(2)
     walls = [wall(-5.0, -4.0, 40.0, -4.0), wall(40.0, 4.0, -5.0, 4.0)]
@@ -347,9 +277,6 @@ def test_a_reset_of_the_position_moves_the_tracks_with_the_vehicle() -> None:
     s = tracker.observe(frame([moved], 5, at=(50.0, 30.0), reset_counter=1))
     assert s.ids.tolist() == first.ids.tolist()
     assert distance(s, 58.0, 30.0) < 0.1
-
-
-# ---- bounds and state -------------------------------------------------------------------------------------------------
 
 
 def test_more_planes_than_slots_are_counted() -> None:

@@ -13,7 +13,7 @@ from core.tracking.association import GATE_MAX_M
 from core.tracking.snapshot import TrackingFrame
 from core.tracking.tracker import Tracker
 
-from .test_tracking import SMALL, WALL, distance, frame, with_margin
+from .tracked import SMALL, WALL, distance, frame, with_margin
 from .worlds import wall
 
 pytestmark = pytest.mark.nojit

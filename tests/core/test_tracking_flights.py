@@ -14,7 +14,7 @@ from core.tracking.snapshot import TrackingFrame
 from core.tracking.tracker import Tracker
 from core.types import FrameModel, FreeEnd
 
-from .test_tracking import SMALL, STEP
+from .tracked import SMALL, STEP
 from .worlds import NS, blind, seen
 
 Floats = NDArray[np.float64]

@@ -12,7 +12,7 @@ from core.tracking.snapshot import TrackingFrame
 from core.tracking.tracker import Tracker
 from core.types import FreeEnd
 
-from .test_tracking import SMALL, STEP, distance, without_position
+from .tracked import SMALL, STEP, distance, without_position
 from .worlds import seen, wall
 
 pytestmark = pytest.mark.nojit

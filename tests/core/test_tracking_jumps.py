@@ -11,7 +11,7 @@ import pytest
 from core.tracking.snapshot import TrackingFrame
 from core.tracking.tracker import Tracker
 
-from .test_tracking import POST, SMALL, STEP, WALL, distance, frame, without_position
+from .tracked import POST, SMALL, STEP, WALL, distance, frame, without_position
 
 pytestmark = pytest.mark.nojit
 JUMP = math.radians(70.0)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from core.tracking.snapshot import TrackingFrame, TrackSnapshot
 from core.tracking.tracker import Tracker
 
-from .test_tracking import SMALL, frame, without_position
+from .tracked import SMALL, frame, without_position
 from .worlds import wall
 
 pytestmark = pytest.mark.nojit

@@ -12,7 +12,7 @@ from core.tracking.snapshot import TrackSnapshot
 from core.tracking.tables import TRACK, detections_of
 from core.tracking.tracker import Tracker
 
-from .test_tracking import SMALL, frame
+from .tracked import SMALL, frame
 from .worlds import wall
 
 pytestmark = pytest.mark.nojit

@@ -13,7 +13,7 @@ from core.tracking.tables import CELL_M, coarsen, empty_table, make_room
 from core.tracking.tracker import Tracker
 from core.types import FreeEnd, PlaneFlags
 
-from .test_tracking import POST, SMALL, STEP, WALL, distance, frame, with_planes, without_position
+from .tracked import POST, SMALL, STEP, WALL, distance, frame, with_planes, without_position
 from .worlds import NS, wall
 
 pytestmark = pytest.mark.nojit

@@ -17,7 +17,7 @@ from core.tracking.snapshot import TrackingFrame, TrackSnapshot
 from core.tracking.tables import detections_of
 from core.tracking.tracker import Tracker
 
-from .test_tracking import SMALL, STEP, distance, frame, without_position
+from .tracked import SMALL, STEP, distance, frame, without_position
 from .worlds import NS, blind, wall
 
 pytestmark = pytest.mark.nojit

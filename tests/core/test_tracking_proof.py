@@ -11,7 +11,7 @@ import pytest
 from core.tracking.snapshot import TrackingFrame
 from core.tracking.tracker import Tracker
 
-from .test_tracking import POST, SMALL, STEP, WALL, distance, frame, with_planes, without_position
+from .tracked import POST, SMALL, STEP, WALL, distance, frame, with_planes, without_position
 from .worlds import NS, wall
 
 pytestmark = pytest.mark.nojit

@@ -14,8 +14,8 @@ from core.tracking.tables import Exposure, TrackTable, detections_of, empty_tabl
 from core.tracking.tracker import Tracker
 from core.tracking.update import apply_detections, begin_frame
 
-from .test_tracking import frame
 from .test_tracking_proof import planes_of
+from .tracked import frame
 from .worlds import wall
 
 pytestmark = pytest.mark.nojit
