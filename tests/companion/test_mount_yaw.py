@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Iterable
+from functools import lru_cache
 
 import numpy as np
 import pytest
@@ -13,6 +15,7 @@ from companion.pipeline.quaternion import product
 from companion.self_check.mount_yaw import MAX_WAITING, MountYaw, MountYawMonitor, add_yaw
 from core.frames import quaternion_from_euler
 from core.types import AttitudeSample, CameraMount, DepthFrame
+from drivers.base import Event
 from drivers.simulation.flight import SimulatedFlight
 from drivers.simulation.flight_path import FlightPath
 from drivers.simulation.flights import FlightPlan
@@ -23,6 +26,8 @@ from osape_client.proto import osape_v1_pb2 as pb
 
 DEG = math.pi / 180.0
 SWAY = (0.01, 0.015, 0.005)
+AHEAD = CameraMount()
+CAMERA = dataclasses.replace(camera_info(320, 240), mount=AHEAD)
 
 
 def straight(
@@ -37,15 +42,24 @@ def straight(
     return FlightPlan(name=scene, scene=make_scene(scene, 3), path=FlightPath(rows, sway_rad=SWAY), sensor=TYPICAL)
 
 
-def measured(plan: FlightPlan, error_deg: float, mount: CameraMount | None = None) -> MountYaw:
+def flown(plan: FlightPlan, mount: CameraMount = AHEAD) -> tuple[Event, ...]:
+    """The events of a flight of this camera."""
+    info = dataclasses.replace(CAMERA, mount=mount)
+    return tuple(SimulatedFlight(plan, cameras=(info,), seed=1).events())
+
+
+@lru_cache(maxsize=2)
+def flown_straight(scene: str) -> tuple[Event, ...]:
+    """The flight that several tests measure, rendered once."""
+    return flown(straight(scene))
+
+
+def measured(events: Iterable[Event], error_deg: float, true: CameraMount = AHEAD) -> MountYaw:
     """The estimate after the flight. error_deg: true minus configured."""
-    true = mount or CameraMount()
-    info = dataclasses.replace(camera_info(320, 240), mount=true)
-    flight = SimulatedFlight(plan, cameras=(info,), seed=1)
     configured = dataclasses.replace(true, yaw_rad=true.yaw_rad - error_deg * DEG)
     monitor = MountYawMonitor()
-    monitor.announce(dataclasses.replace(info, mount=configured))
-    for event in flight.events():
+    monitor.announce(dataclasses.replace(CAMERA, mount=configured))
+    for event in events:
         monitor.event(event)
     (yaw,) = monitor.yaws()
     return yaw
@@ -55,7 +69,7 @@ def measured(plan: FlightPlan, error_deg: float, mount: CameraMount | None = Non
     ("scene", "error_deg"), [("street", 0.0), ("street", 5.0), ("street", -10.0), ("trees", 0.0), ("trees", 5.0)]
 )
 def test_the_yaw_is_measured_in_straight_flight(scene: str, error_deg: float) -> None:
-    yaw = measured(straight(scene), error_deg)
+    yaw = measured(flown_straight(scene), error_deg)
     assert yaw.error_rad is not None
     assert yaw.sd_rad is not None
     assert abs(yaw.error_rad / DEG - error_deg) < 3.0 * yaw.sd_rad / DEG
@@ -72,7 +86,7 @@ def turning() -> FlightPlan:
 
 def test_hovering_and_turning_give_no_value() -> None:
     for plan in (straight("street", speed_m_s=0.0), turning()):
-        yaw = measured(plan, 5.0)
+        yaw = measured(flown(plan), 5.0)
         assert yaw.error_rad is None
         assert not yaw.warning
 
@@ -80,46 +94,47 @@ def test_hovering_and_turning_give_no_value() -> None:
 @pytest.mark.parametrize(("apart_ms", "paired"), [(250, True), (450, False)])
 def test_images_that_are_far_apart_are_no_pairs(apart_ms: int, paired: bool) -> None:
     """Over half a second an error of the velocity would count as one of the mount."""
-    info = camera_info(320, 240)
     monitor = MountYawMonitor()
-    monitor.announce(info)
+    monitor.announce(CAMERA)
     newest_ns = 0
-    for event in SimulatedFlight(straight("street"), cameras=(info,), seed=1).events():
+    for event in flown_straight("street"):
         if isinstance(event, DepthFrame):
             if event.t_exposure_ns - newest_ns < apart_ms * 1_000_000:
                 continue
             newest_ns = event.t_exposure_ns
         monitor.event(event)
-    assert bool(monitor._cameras[info.camera]._errors_rad) is paired
+    assert bool(monitor._cameras[CAMERA.camera]._errors_rad) is paired
 
 
 def test_images_without_an_attitude_do_not_pile_up() -> None:
-    info = camera_info(320, 240)
     monitor = MountYawMonitor()
-    monitor.announce(info)
-    for event in SimulatedFlight(straight("street"), cameras=(info,), seed=1).events():
+    monitor.announce(CAMERA)
+    for event in flown_straight("street"):
         if not isinstance(event, AttitudeSample):
             monitor.event(event)
-    assert 1 <= len(monitor._cameras[info.camera]._waiting) <= MAX_WAITING
+    assert 1 <= len(monitor._cameras[CAMERA.camera]._waiting) <= MAX_WAITING
 
 
 def test_a_side_camera_is_measured_as_well() -> None:
-    yaw = measured(straight("street"), 5.0, CameraMount(yaw_rad=90.0 * DEG, pitch_rad=-15.0 * DEG))
+    aside = CameraMount(yaw_rad=90.0 * DEG, pitch_rad=-15.0 * DEG)
+    yaw = measured(flown(straight("street"), aside), 5.0, aside)
     assert yaw.error_rad is not None
     assert yaw.error_rad / DEG == pytest.approx(5.0, abs=2.0)
 
 
+@pytest.fixture(scope="module")
+def slow_flight() -> tuple[Event, ...]:
+    return flown(straight("street", speed_m_s=1.5, seconds=9.0))
+
+
 @pytest.mark.parametrize("jumps", [True, False])
-def test_a_heading_that_was_corrected_is_no_yaw_of_the_mount(jumps: bool) -> None:
+def test_a_heading_that_was_corrected_is_no_yaw_of_the_mount(jumps: bool, slow_flight: tuple[Event, ...]) -> None:
     """The autopilot notices by GPS that its heading is 20 degrees wrong, and resets it. What was measured before does not
     describe the mount."""
-    info = camera_info(320, 240)
-    wrong = quaternion_from_euler(0.0, 0.0, -20.0 * DEG)
-    flight = SimulatedFlight(straight("street", speed_m_s=1.5, seconds=9.0), cameras=(info,), seed=1)
-    events = list(flight.events())
+    events, wrong = slow_flight, quaternion_from_euler(0.0, 0.0, -20.0 * DEG)
     reset_ns = events[0].t_arrival_ns + round(7.5 * 1e9)
     monitor = MountYawMonitor()
-    monitor.announce(info)
+    monitor.announce(CAMERA)
     before: MountYaw | None = None
     for event in events:
         if isinstance(event, AttitudeSample):

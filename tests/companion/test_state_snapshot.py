@@ -6,6 +6,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Sequence
+from itertools import chain, pairwise
 
 import numpy as np
 import pytest
@@ -62,13 +63,15 @@ def pipeline(state: PipelineState | None = None) -> Pipeline:
 
 @pytest.mark.parametrize("seed", range(4))
 def test_frames_after_a_snapshot_are_the_same(seed: int) -> None:
-    flight = events(seed)
-    for cut in range(500, len(flight), 431):
-        first = pipeline()
-        outcome(first, flight[:cut])
-        state = state_from_message(state_message(first.state()))
-        assert state == first.state()
-        assert outcome(pipeline(state), flight[cut:]) == outcome(first, flight[cut:]), cut
+    flight, whole = events(seed), pipeline()
+    cuts = [0, *range(500, len(flight), 431), len(flight)]
+    parts, states = [], []
+    for begin, end in pairwise(cuts):
+        parts.append(outcome(whole, flight[begin:end]))
+        states.append(state_from_message(state_message(whole.state())))
+        assert states[-1] == whole.state()
+    for n, cut in enumerate(cuts[1:-1]):
+        assert outcome(pipeline(states[n]), flight[cut:]) == list(chain.from_iterable(parts[n + 1 :])), cut
 
 
 def test_the_made_up_flight_jumps_and_drifts() -> None:
