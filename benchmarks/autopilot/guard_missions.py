@@ -98,12 +98,17 @@ CALM = Disturbance()
 
 
 def fly(
-    mission: Mission, width: int, guard: GuardParams, disturbance: Disturbance = CALM, times_reactions: bool = True
+    mission: Mission,
+    width: int,
+    guard: GuardParams,
+    disturbance: Disturbance = CALM,
+    times_reactions: bool = True,
+    avoid: AvoidParams | None = None,
 ) -> Flown:
-    """One mission. times_reactions: see GuardLoop."""
+    """One mission. times_reactions, avoid: see GuardLoop."""
     flight = flight_of(mission.autopilot, mission.waypoints_m, mission.height_m, mission.speed_m_s, mission.guided)
     flight.wind = gusts(mission.number, disturbance.gust_m_s)
-    loop = _loop(mission.scene, flight, mission.autopilot, width, mission.number, guard)
+    loop = _loop(mission.scene, flight, mission.autopilot, width, mission.number, guard, avoid)
     loop.velocity_noise_m_s, loop.times_reactions = disturbance.velocity_noise_m_s, times_reactions
     loop.run(0.0)
     start = _hover(loop)
@@ -112,10 +117,18 @@ def fly(
     return _flown(loop, mission, start)
 
 
-def _loop(scene: Scene, flight: AutoFlight, kind: str, width: int, seed: int, guard: GuardParams) -> GuardLoop:
+def _loop(
+    scene: Scene,
+    flight: AutoFlight,
+    kind: str,
+    width: int,
+    seed: int,
+    guard: GuardParams,
+    avoid: AvoidParams | None = None,
+) -> GuardLoop:
     camera = camera_info(width, width * 3 // 4)
     sensor = replace(TYPICAL.scaled_to(width), sky_is_far=True)
-    return GuardLoop(scene, camera, sensor, flight, kind, seed, guard)
+    return GuardLoop(scene, camera, sensor, flight, kind, seed, guard, avoid)
 
 
 def _hover(loop: GuardLoop) -> int:

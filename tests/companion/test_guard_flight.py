@@ -11,6 +11,7 @@ from benchmarks.autopilot.guard_loop import NS, GuardLoop
 from benchmarks.autopilot.guard_missions import Flown, flight_of, fly
 from benchmarks.autopilot.guard_scenes import Mission, clearance_m, way_to_obstacle_m
 from benchmarks.autopilot.guard_turns import Course, fly_turn
+from companion.config.avoidance import AvoidParams
 from companion.config.guard import GuardParams
 from companion.guard.states import GuardState
 from drivers.simulation.firmware_models.auto_flight import COPTER_AUTO, COPTER_BRAKE, COPTER_LOITER, PX4_HOLD, Yaw
@@ -20,6 +21,8 @@ from drivers.simulation.source import camera_info
 
 WIDTH = 160
 GUARD = GuardParams(enabled=True)
+COARSE = AvoidParams(rays=2, slices=6, step_m=0.5)
+"""Fewer places to look at: two thirds of the time. `test_stops_before_a_wall` and the corners are flown with the default."""
 OFF = GuardParams(enabled=True, mission=False, guided=False, return_home=False)
 
 
@@ -47,15 +50,15 @@ def mission(
     )
 
 
-def flown(autopilot: str, guard: GuardParams = GUARD, **changes: object) -> Flown:
-    return fly(mission(autopilot, **changes), WIDTH, guard, times_reactions=False)  # type: ignore[arg-type]
+def flown(autopilot: str, guard: GuardParams = GUARD, avoid: AvoidParams | None = COARSE, **changes: object) -> Flown:
+    return fly(mission(autopilot, **changes), WIDTH, guard, times_reactions=False, avoid=avoid)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(
     ("autopilot", "guided"), [("PX4", False), ("ArduPilot", False), ("PX4", True), ("ArduPilot", True)]
 )
 def test_stops_before_a_wall(autopilot: str, guided: bool) -> None:
-    f = flown(autopilot, guided=guided)
+    f = flown(autopilot, avoid=None, guided=guided)
     assert f.stops == 1
     assert f.false_stops == 0
     assert 0.5 < f.clearance_m < 4.0
@@ -105,7 +108,7 @@ def test_flies_where_nothing_is_in_the_way() -> None:
 def loop_of(autopilot: str, at_m: float, speed_m_s: float) -> GuardLoop:
     flight = flight_of(autopilot, np.array([[60.0, 0.0]]), 2.5, speed_m_s, guided=False)
     sensor = replace(TYPICAL.scaled_to(WIDTH), sky_is_far=True)
-    loop = GuardLoop(walled(at_m), camera_info(WIDTH, WIDTH * 3 // 4), sensor, flight, autopilot, 3)
+    loop = GuardLoop(walled(at_m), camera_info(WIDTH, WIDTH * 3 // 4), sensor, flight, autopilot, 3, avoid=COARSE)
     loop.times_reactions = False
     return loop
 
