@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from companion.autopilot.distance_sensor import Overhead
 from companion.autopilot.free_space_memory import FreeMemory
+from companion.autopilot.obstacle_distance import UNKNOWN
 from companion.autopilot.obstacle_memory import Here, ObstacleMemory
 from companion.autopilot.obstacle_report import SeenCameras
 from companion.autopilot.polar_histogram import scan
@@ -34,7 +35,7 @@ from core.world.world import World
 
 from .guard_sight import SIGHT
 from .made_up import INFO, MS, START_NS, EasyExtractor, flight, frame
-from .report_chain import AVOID, CAMERA, NS, PX4, UNKNOWN, Chain
+from .report_chain import AVOID, CAMERA, NS, PX4, Chain
 from .sector_models import HERE, model, wall_at
 from .test_distance_sensor import AHEAD, BEAM
 
