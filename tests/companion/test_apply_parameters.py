@@ -29,7 +29,6 @@ from drivers.simulation.firmware_profile import FirmwareProfile
 from tests.ports import free_port
 from tests.waiting import until
 
-
 pytestmark = pytest.mark.process
 
 BAD = {
