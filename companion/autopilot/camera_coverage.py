@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from enum import IntEnum
 
 import numpy as np
@@ -29,18 +30,31 @@ _DIRECTION_PARTS = math.ceil(Params().profile_step_deg * SECTORS * PARTS / 360.0
 
 
 class Look(IntEnum):
-    """How much of a part of a sector a camera covers."""
+    """How much of a part of a sector a camera covers, of the heights that its image reaches."""
 
     NOTHING = 0
     SOME = 1
     WHOLE = 2
 
 
-def looked_into(info: CameraInfo, avoid: AvoidParams, hidden: NDArray[np.bool_] | None = None) -> NDArray[np.uint8]:
-    """Returns how much of each part of each sector a camera covers while the vehicle is level, (72, PARTS) Look.
+@dataclass(frozen=True, slots=True, eq=False)
+class Coverage:
+    """What a camera covers while the vehicle is level."""
+
+    look: NDArray[np.uint8]  # (72, PARTS) Look of each part of each sector
+    heights: NDArray[np.bool_]  # (72, PARTS, slices) heights of the band that it covers there
+
+
+def everywhere(avoid: AvoidParams) -> Coverage:
+    """Returns the coverage of a camera that was never opened: it may cover any direction."""
+    return Coverage(np.full((SECTORS, PARTS), Look.WHOLE, np.uint8), np.ones((SECTORS, PARTS, avoid.slices), np.bool_))
+
+
+def looked_into(info: CameraInfo, avoid: AvoidParams, hidden: NDArray[np.bool_] | None = None) -> Coverage:
+    """Returns what a camera covers.
 
     It is determined by the rays of the image through the height band at near_m or farther; by all rays if there are
-    none. A camera beside or before the middle of the vehicle has its rays in other sectors at near_m than far away: a part is
+    none, and then it covers no height. A camera beside or before the middle of the vehicle has its rays in other sectors at near_m than far away: a part is
     covered wholly only if it is at all ranges.
 
     Args:
@@ -54,7 +68,8 @@ def looked_into(info: CameraInfo, avoid: AvoidParams, hidden: NDArray[np.bool_] 
     x, y, z = rotation_frd_optical(info.mount) @ optical
     z_m = avoid.near_m * z / np.maximum(np.hypot(x, y), 1e-9)
     inside = (z_m > -avoid.band_above_m) & (z_m < avoid.band_below_m)
-    if not inside.any():
+    reaches_band = bool(inside.any())
+    if not reaches_band:
         inside[:] = True
     seen = inside.copy()
     if hidden is not None:
@@ -63,19 +78,21 @@ def looked_into(info: CameraInfo, avoid: AvoidParams, hidden: NDArray[np.bool_] 
     share = (z_m + avoid.band_above_m) / (avoid.band_above_m + avoid.band_below_m)
     height = np.clip(share * avoid.slices, 0, avoid.slices - 1).astype(int)
     place_m = (info.mount.x_m, info.mount.y_m)
-    looks = []
+    looks, heights = [], np.zeros((SECTORS * PARTS, avoid.slices), bool)
     for range_m in np.geomspace(avoid.near_m, avoid.max_distance_m, 4):
         azimuth = _azimuth_at(np.arctan2(y, x), place_m, range_m)
         part = np.floor((azimuth + 0.5 * STEP_RAD) / (STEP_RAD / PARTS)).astype(int) % (SECTORS * PARTS)
         could, can = (np.zeros((SECTORS * PARTS, avoid.slices), bool) for _ in range(2))
         could[part[inside], height[inside]] = True
         can[part[seen], height[seen]] = True
+        heights |= can & reaches_band
         enough = can.sum(axis=1) >= avoid.clear_share * could.sum(axis=1)
         look = np.where(enough, np.uint8(Look.WHOLE), np.uint8(Look.SOME))
         looks.append(np.where(can.any(axis=1), look, np.uint8(Look.NOTHING)))
     whole = np.minimum.reduce(looks) == Look.WHOLE
     some = np.minimum(np.maximum.reduce(looks), np.uint8(Look.SOME))
-    return np.where(whole, np.uint8(Look.WHOLE), some).reshape(SECTORS, PARTS)
+    look = np.where(whole, np.uint8(Look.WHOLE), some).reshape(SECTORS, PARTS)
+    return Coverage(look, heights.reshape(SECTORS, PARTS, -1))
 
 
 def _azimuth_at(azimuth_rad: NDArray[np.float64], place_m: tuple[float, float], range_m: float) -> NDArray[np.float64]:
@@ -97,27 +114,54 @@ def _azimuth_at(azimuth_rad: NDArray[np.float64], place_m: tuple[float, float], 
     return out
 
 
-def too_near_the_edge(cameras: Sequence[NDArray[np.uint8]], avoid: AvoidParams) -> NDArray[np.bool_]:
+def too_near_the_edge(cameras: Sequence[Coverage], avoid: AvoidParams) -> NDArray[np.bool_]:
     """Returns the sectors, (72,), into which the vehicle must not move by what these cameras cover.
 
-    Its hull, with a margin, would pass through directions beside their views, at a range of near_m or more. cameras:
-    of `looked_into`."""
-    parts = np.maximum.reduce([np.zeros((SECTORS, PARTS), np.uint8), *cameras]).ravel() == Look.WHOLE
+    Its hull, with a margin, would pass through directions beside their views, or through directions in which they cover
+    less than clear_share of the heights that they cover in the sector, at a range of near_m or more."""
+    parts = _looks(cameras).ravel() == Look.WHOLE
+    heights = _heights(cameras, avoid)
     hull_deg = math.degrees(math.asin(min(1.0, (avoid.radius_m + EDGE_MARGIN_M) / avoid.near_m)))
     part_deg = 360.0 / len(parts)
     first = math.floor((MOVES_DEG[0] - hull_deg + 0.5 * PARTS * part_deg) / part_deg + 1e-9)
     end = math.ceil((MOVES_DEG[1] + hull_deg + 0.5 * PARTS * part_deg) / part_deg - 1e-9)
-    needed = PARTS * np.arange(SECTORS)[:, None] + np.arange(first, end)[None, :]
-    out: NDArray[np.bool_] = ~parts[needed % len(parts)].all(axis=1)
-    return out
+    needed = (PARTS * np.arange(SECTORS)[:, None] + np.arange(first, end)[None, :]) % len(parts)
+    own: NDArray[np.bool_] = np.logical_or.reduce(heights, axis=1)
+    beside = heights.reshape(len(parts), -1)[needed] & own[:, None, :]
+    as_high = beside.sum(axis=2) >= avoid.clear_share * own.sum(axis=1)[:, None]
+    return np.asarray(~((parts[needed] & as_high).all(axis=1) & own.any(axis=1)))
 
 
-def covered(cameras: Sequence[NDArray[np.uint8]]) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+def covered(cameras: Sequence[Coverage]) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     """Returns the sectors, (72,) each, that these cameras cover in part, and those that they could find clear.
 
     The latter are covered completely, and beside them by as much as the width of a direction of the free-range
-    profile: the outermost direction is only partly in the view, and never free. cameras: of `looked_into`."""
-    parts = np.maximum.reduce([np.zeros((SECTORS, PARTS), np.uint8), *cameras])
+    profile: the outermost direction is only partly in the view, and never free."""
+    parts = _looks(cameras)
     whole = (parts == Look.WHOLE).ravel()
     beside = [np.roll(whole, k) for k in range(-_DIRECTION_PARTS, _DIRECTION_PARTS + 1)]
-    return (parts > Look.NOTHING).any(axis=1), np.logical_and.reduce(beside).reshape(parts.shape).all(axis=1)
+    whole = np.logical_and.reduce(beside).reshape(parts.shape).all(axis=1)
+    return np.asarray((parts > Look.NOTHING).any(axis=1)), np.asarray(whole)
+
+
+def heights_lost(blind: Sequence[Coverage], seeing: Sequence[Coverage], avoid: AvoidParams) -> NDArray[np.bool_]:
+    """Returns the sectors, (72,), in a part of which the seeing cameras cover less than clear_share of the heights that
+    they and the blind ones cover together: one that looks up does not replace one that looks ahead."""
+    now = _heights(seeing, avoid)
+    together = now | _heights(blind, avoid)
+    out: NDArray[np.bool_] = (now.sum(axis=2) < avoid.clear_share * together.sum(axis=2)).any(axis=1)
+    return out
+
+
+def _looks(cameras: Sequence[Coverage]) -> NDArray[np.uint8]:
+    """Returns the greatest Look of any camera, (72, PARTS)."""
+    nothing = np.zeros((SECTORS, PARTS), np.uint8)
+    out: NDArray[np.uint8] = np.maximum.reduce([nothing, *(camera.look for camera in cameras)])
+    return out
+
+
+def _heights(cameras: Sequence[Coverage], avoid: AvoidParams) -> NDArray[np.bool_]:
+    """Returns the heights that any camera covers, (72, PARTS, slices)."""
+    nothing = np.zeros((SECTORS, PARTS, avoid.slices), np.bool_)
+    out: NDArray[np.bool_] = np.logical_or.reduce([nothing, *(camera.heights for camera in cameras)])
+    return out

@@ -99,6 +99,13 @@ class ObstacleView:
     edge: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(SECTORS, np.bool_))
     velocity_m_s: tuple[float, float] | None = None  # of the vehicle in level, forward and right; None: not known
     on_ground: bool = False  # the vehicle is on the ground
+    # (72,) sectors in which blind cameras cover heights of the band that the seeing ones do not
+    heights_lost: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(SECTORS, np.bool_))
+
+    @property
+    def blind_alone(self) -> NDArray[np.bool_]:
+        """The sectors, (72,), that blind cameras should cover and that no seeing ones cover as well."""
+        return self.blind & (~self.whole | self.heights_lost)
 
 
 def policy_of(avoid: AvoidParams, autopilot: AutopilotNow) -> Policy:
@@ -238,7 +245,7 @@ class BlindPolicy:
             self._all_blind_since_ns = None
         elif self._all_blind_since_ns is None:
             self._all_blind_since_ns = since_ns
-        blind = sight.blind & ~sight.whole
+        blind = sight.blind_alone
         begins = blind & (~self._sector_blind | (self._seeing & ~sight.seeing))
         # of several cameras another one may have been exposed just now
         self._sector_since_ns[begins] = now_ns if sight.seeing.any() else since_ns
@@ -267,9 +274,10 @@ class BlindPolicy:
         unseen = (sight.scan.state == SectorState.UNSEEN) & sight.whole
         if self._avoid.unseen == "unknown":
             unseen[:] = False
-        wall_m = np.where(unseen, np.maximum(wall_m, sight.scan.free_m - self._avoid.radius_m), wall_m)
-        wanted = unseen | (sight.blind & ~sight.whole & (values != clear_cm(self._avoid)))
-        if policy.all_around and (sight.blind & ~sight.whole).any():
+        blind = sight.blind_alone
+        wall_m = np.where(unseen & ~blind, np.maximum(wall_m, sight.scan.free_m - self._avoid.radius_m), wall_m)
+        wanted = unseen | (blind & (values != clear_cm(self._avoid)))
+        if policy.all_around and blind.any():
             wanted |= values == UNKNOWN
         values[wanted] = np.minimum(values[wanted], near_cm(wall_m[wanted], self._avoid))
 

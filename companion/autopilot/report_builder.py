@@ -8,11 +8,11 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
 from core.types import AttitudeSample, CameraInfo, FrameModel, PoseSample
 
@@ -20,7 +20,7 @@ from ..cameras.masks import Mask
 from ..config.avoidance import AvoidParams
 from ..pipeline.multi_camera import HEADING_LOST
 from ..pipeline.results import PrismsResult
-from .camera_coverage import PARTS, Look, covered, looked_into, too_near_the_edge
+from .camera_coverage import Coverage, Look, covered, everywhere, heights_lost, looked_into, too_near_the_edge
 from .confirmation import PlaneConfirmation
 from .distance_sensor import Overhead, downward_m
 from .failsafe import AutopilotNow, BlindPolicy, ObstacleView, Recovery, braking_reach, policy_of
@@ -44,8 +44,6 @@ MOST_WAITING = 1024
 waits grows too old to be used."""
 MOST_UNDECIDED = 8
 """Most frames of a camera that are kept for the next decision; further ones replace the oldest."""
-EVERYWHERE = np.full((SECTORS, PARTS), Look.WHOLE, np.uint8)
-"""Coverage of a camera that was never opened: it may cover any direction."""
 
 
 @dataclass(slots=True, kw_only=True, eq=False)
@@ -78,14 +76,15 @@ class ObstacleReportBuilder:
         """Makes a builder without any frame yet. avoid: parameters of the obstacle output."""
         self._avoid, self._use, self._cameras, self._observer = avoid, seen, seen.cameras, seen.observer
         self._timeout_ns = round(seen.timeout_s * NS)
-        self._waiting: deque[tuple[CameraInfo, NDArray[np.uint8]] | PrismsResult] = deque()
+        self._waiting: deque[tuple[CameraInfo, Coverage] | PrismsResult] = deque()
         self._motion = VehicleMotion()
         self._newest: dict[str, PrismsResult] = {}
         self._confirmation: dict[str, PlaneConfirmation] = {}
         self._confirmed: dict[str, PrismsResult] = {}
         self._seen = SeenSectors(avoid)
         self._infos: dict[str, CameraInfo] = {}
-        self._looks: dict[str, NDArray[np.uint8]] = {}
+        self._coverage: dict[str, Coverage] = {}
+        self._everywhere = everywhere(avoid)
         self._recovery = Recovery(seen.cameras, avoid.recover_frames)
         self._policy = BlindPolicy(avoid)
         self._memory = ObstacleMemory(avoid)
@@ -120,8 +119,8 @@ class ObstacleReportBuilder:
             if isinstance(arrived, PrismsResult):
                 self._take(arrived)
             else:
-                info, looks = arrived
-                self._infos[info.camera], self._looks[info.camera] = info, looks
+                info, coverage = arrived
+                self._infos[info.camera], self._coverage[info.camera] = info, coverage
                 self._confirmation[info.camera] = PlaneConfirmation(self._avoid, info.intrinsics)
 
     def _take(self, result: PrismsResult) -> None:
@@ -200,9 +199,9 @@ class ObstacleReportBuilder:
         A sector that the newest frames do not see may keep its earlier value if no camera that covers it is blind."""
         exposed_ns = np.zeros(SECTORS, np.int64)
         for camera in d.seeing:
-            covers = (self._looks[camera] > Look.NOTHING).any(axis=1)
+            covers = (self._coverage[camera].look > Look.NOTHING).any(axis=1)
             exposed_ns[covers] = np.maximum(exposed_ns[covers], seen_ns(self._newest[camera]))
-        blind, _ = covered([self._looks.get(c, EVERYWHERE) for c in d.blind])
+        blind, _ = covered(self._coverage_of(d.blind))
         velocity_m_s = self._motion.velocity_m_s(d.now_ns)
         speed_m_s = None if velocity_m_s is None else math.hypot(*velocity_m_s)
         found = scan(d.views, self._avoid, d.recall)
@@ -227,8 +226,8 @@ class ObstacleReportBuilder:
 
     def _report(self, autopilot: AutopilotNow, d: _Decision) -> ObstacleReport:
         """Applies the failsafe policy and makes the report."""
-        sees = [self._looks[c] for c in self._cameras if not d.causes[c]]
-        blind, _ = covered([self._looks.get(c, EVERYWHERE) for c in d.blind])
+        sees, lost = self._coverage_of(c for c in self._cameras if not d.causes[c]), self._coverage_of(d.blind)
+        blind, _ = covered(lost)
         seeing, whole = covered(sees)
         sight = ObstacleView(
             scan=d.found,
@@ -237,6 +236,7 @@ class ObstacleReportBuilder:
             seeing=seeing,
             whole=whole,
             newest_ns=self._newest_good_ns,
+            heights_lost=heights_lost(lost, sees, self._avoid),
             edge=too_near_the_edge(sees, self._avoid),
             velocity_m_s=self._motion.velocity_m_s(d.now_ns),
             on_ground=autopilot.on_ground and not _sees_ground_below(d.views),
@@ -256,7 +256,7 @@ class ObstacleReportBuilder:
             return "no frame yet"
         if not newest.valid:
             return newest.cause_text
-        if camera not in self._looks:
+        if camera not in self._coverage:
             return "its intrinsics and mount are unknown"
         if newest.model is None or not all_numbers(newest.model):
             return "its planes hold values that are not finite"
@@ -290,6 +290,10 @@ class ObstacleReportBuilder:
     def _exposed_ns(self, seeing: list[str]) -> int | None:
         """Returns the oldest of the newest exposures of these cameras; None: there are none."""
         return min((seen_ns(self._newest[c]) for c in seeing), default=None)
+
+    def _coverage_of(self, cameras: Iterable[str]) -> list[Coverage]:
+        """Returns what these cameras cover; one that was never opened may cover any direction."""
+        return [self._coverage.get(camera, self._everywhere) for camera in cameras]
 
     def _view(self, result: PrismsResult, here: Here) -> View:
         return self._motion.view(

@@ -73,6 +73,7 @@ def drawn(rng: np.random.Generator, now_ns: int) -> ObstacleView:
         runs([0, 0, 1]).astype(bool),
         None if rng.random() < 0.3 else (float(rng.uniform(-8.0, 8.0)), float(rng.uniform(-8.0, 8.0))),
         bool(rng.random() < 0.2),
+        runs([0, 0, 1]).astype(bool),
     )
 
 
@@ -111,7 +112,7 @@ def check_stop(view: ObstacleView, sent: np.ndarray, wall_m: float) -> None:
     seen_clear = (view.scan.state == SectorState.CLEAR) & view.seeing
     covered = view.whole & not_seen
     assert (sent[covered] < CLEAR).all()
-    alone = view.blind & ~view.whole & ~seen_clear
+    alone = view.blind & (~view.whole | view.heights_lost) & ~seen_clear
     assert (sent[alone] < CLEAR).all()
     wall_cm = max(math.ceil(100.0 * wall_m), GROUND_CM)
     assert (sent[alone] <= wall_cm).all()

@@ -182,13 +182,13 @@ def test_a_zed_never_matches_its_first_columns_unless_configured_otherwise() -> 
 
 
 def test_coverage_counts_what_is_left_of_the_heights() -> None:
-    free = looked_into(INFO, AVOID)
+    free = looked_into(INFO, AVOID).look
     assert set(np.unique(free)) == {Look.NOTHING, Look.WHOLE}
-    corner = looked_into(INFO, AVOID, configured_mask(section("0,0 44,30"), INFO))  # above the band
+    corner = looked_into(INFO, AVOID, configured_mask(section("0,0 44,30"), INFO)).look  # above the band
     assert (corner == free).all()
-    arm = looked_into(INFO, AVOID, configured_mask(section(ARM), INFO))
+    arm = looked_into(INFO, AVOID, configured_mask(section(ARM), INFO)).look
     assert (arm[66] == Look.SOME).all()
-    column = looked_into(INFO, AVOID, configured_mask(section("0,0 44,120"), INFO))
+    column = looked_into(INFO, AVOID, configured_mask(section("0,0 44,120"), INFO)).look
     assert (column[66] == Look.NOTHING).all()
     assert (column[3] == Look.WHOLE).all()
 

@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from companion.autopilot.camera_coverage import covered, looked_into, too_near_the_edge
+from companion.autopilot.camera_coverage import Coverage, covered, looked_into, too_near_the_edge
 from companion.autopilot.failsafe import AutopilotNow, BlindPolicy, ObstacleView, Policy, braking_reach, policy_of
 from companion.autopilot.obstacle_distance import (
     ARDUPILOT,
@@ -82,7 +82,7 @@ def view_of(
     return View(found, transform, info.intrinsics, np.asarray(seen.R_level_optical).T)
 
 
-def looked_at(info: CameraInfo = INFO) -> NDArray[np.uint8]:
+def looked_at(info: CameraInfo = INFO) -> Coverage:
     return looked_into(info, AVOID)
 
 
