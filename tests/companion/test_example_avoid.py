@@ -19,8 +19,8 @@ def test_the_flight_stops_and_is_drawn(tmp_path: Path, capsys: pytest.CaptureFix
     under_way, stands, px4, ardupilot, written = capsys.readouterr().out.splitlines()
     assert float(re.findall(r"([\d.]+) m/s", under_way)[0]) > 2.0
     assert 2.5 <= float(re.findall(r"stands ([\d.]+) m", stands)[0]) < 4.0
-    for line, expected in ((px4, "silence"), (ardupilot, "the wall of the policy")):
-        assert f"is sent {expected}, 0.0 m/s" in line
+    for line, expected in ((px4, "no message"), (ardupilot, "artificial wall")):
+        assert f"sent: {expected}; 0.0 m/s" in line
         assert float(re.findall(r"at ([\d.]+) m$", line)[0]) < 10.0
     assert written == f"written: {picture}"
     height, width, _ = cv2.imread(str(picture)).shape
