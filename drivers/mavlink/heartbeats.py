@@ -1,4 +1,4 @@
-"""The newest heartbeats of the autopilot, by which late copies are found."""
+"""When a heartbeat of the autopilot was sent: copies that arrive late, and messages that have waited in a buffer."""
 
 from __future__ import annotations
 
@@ -7,6 +7,13 @@ from dataclasses import replace
 
 from .session_types import Vehicle
 
+NS = 1_000_000_000
+PAUSE_NS = NS * 15 // 10
+"""After a longer time without a read the process may have been stopped: the link is read each 0.11 s or more often, and heartbeats
+arrive once a second or more often."""
+EMPTIED_NS = NS // 2
+"""For this time after a pause what is read may have waited in a buffer. The kernel fills it with the oldest messages and drops the
+newest."""
 LATE_COPY_NS, _MOST = 10_000_000_000, 64
 """A network or a second route may deliver a heartbeat again for this long; greatest number of heartbeats that are kept for it."""
 
@@ -31,3 +38,21 @@ class Heartbeats:
             return False
         since_ns = new.heartbeat_ns - LATE_COPY_NS
         return any(data == before and at_ns > since_ns for at_ns, before in self._kept)
+
+
+class Arrivals:
+    """Instants between which a message has arrived. A read after a pause also returns what arrived during the pause."""
+
+    def __init__(self) -> None:
+        self._newest_ns: int | None = None  # newest read
+        self._before_ns = 0  # newest read before the pause
+        self._until_ns = 0  # what is read until then may have arrived during the pause
+
+    def earliest_ns(self, read_ns: int) -> int:
+        """Returns the earliest instant at which bytes that are read now can have arrived. Must be called with each read."""
+        newest_ns, self._newest_ns = self._newest_ns, read_ns
+        if newest_ns is not None and read_ns - newest_ns > PAUSE_NS:
+            if newest_ns >= self._until_ns:  # otherwise the buffer may still hold messages of the pause before
+                self._before_ns = newest_ns
+            self._until_ns = read_ns + EMPTIED_NS
+        return self._before_ns if read_ns < self._until_ns else read_ns

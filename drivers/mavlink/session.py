@@ -16,7 +16,7 @@ from .bandwidth import LinkBudget, budget_of
 from .clock_sync import NS, ClockFilter, ClockSource
 from .conflicts import ConflictDetector
 from .dialect import MAV_AUTOPILOT_INVALID, MAV_COMP_ID_AUTOPILOT1, dialect
-from .heartbeats import Heartbeats
+from .heartbeats import Arrivals, Heartbeats
 from .motion import MOTION, MotionDecoder
 from .outbox import OBSTACLE_IDS, Outbox
 from .parser import MAVLINK1, Frame, MessageSplitter
@@ -105,6 +105,8 @@ class MavlinkSession:
         self._clock_restarts = 0
         self._outbox = Outbox()
         self._heartbeats = Heartbeats()
+        self._arrivals = Arrivals()
+        self._earliest_ns = 0  # at which the newest chunk can have arrived
 
     # ---- in -----------------------------------------------------------------------------------------------------
 
@@ -122,6 +124,7 @@ class MavlinkSession:
         samples: list[AttitudeSample | PoseSample] = []
         self.last_chunk = None
         for self._place, (data, arrival_ns) in enumerate(chunks):
+            self._earliest_ns = self._arrivals.earliest_ns(arrival_ns)
             splitter = self._splitter(None if sources is None else sources[self._place])
             for frame in splitter.frames(data):
                 sample = self._take(frame, arrival_ns)
@@ -271,7 +274,7 @@ class MavlinkSession:
             int(m.type),
             bool(int(m.base_mode) & MAV_MODE_FLAG_SAFETY_ARMED),
             int(m.custom_mode),
-            arrival_ns,
+            self._earliest_ns,
             data[0] == MAVLINK1,
             int(m.system_status),
         )
