@@ -85,6 +85,11 @@ class Config:
                 "[guard] enabled = true, but [avoid] send = false: the guard uses the distances of the obstacle output; set "
                 "[avoid] send = true"
             )
+        if self.guard.enabled and self.avoid.near_m >= self.guard.horizon_m:
+            raise ValueError(
+                f"[guard] horizon_m = {self.guard.horizon_m:g} is not greater than [avoid] near_m = {self.avoid.near_m:g}, from "
+                "which on the path must be seen free, so that the guard would stop the vehicle everywhere; raise horizon_m"
+            )
         if self.avoid.send and self.service.timeout_s + 1.0 / self.avoid.rate_hz > MAX_BLIND_DELAY_S + 1e-9:
             raise ValueError(
                 f"[service] timeout_s = {self.service.timeout_s:g} with [avoid] rate_hz = {self.avoid.rate_hz:g}: blindness must "

@@ -38,7 +38,9 @@ class AutopilotConfig:
         "(IPv6 in brackets); empty: none",
     )
     system_id: int = number(0, 0, 255, "", "system id of the vehicle; 0: taken from its heartbeat")
-    component_id: int = number(196, 1, 255, "", "component id of the service; 196 is obstacle avoidance")
+    component_id: int = number(
+        196, 2, 255, "", "component id of the service; 196 is obstacle avoidance, 1 is the autopilot itself"
+    )
     attitude_hz: float = number(
         100.0,
         5.0,

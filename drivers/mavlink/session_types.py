@@ -19,7 +19,7 @@ class MavlinkParams:
     """Ids of this service and requested messages. Raises ValueError naming the field, its value and its range."""
 
     system_id: int = number(0, 0, 255, "", "of the vehicle; 0: learned from its heartbeat")
-    component_id: int = number(196, 1, 255, "", "ours; 196 is obstacle avoidance")
+    component_id: int = number(196, 2, 255, "", "ours; 196 is obstacle avoidance, 1 is the autopilot itself")
     attitude_hz: float = number(100.0, 5.0, 400.0, "Hz", "wanted rate of the attitude")
     position_hz: float = number(30.0, 1.0, 200.0, "Hz", "wanted rate of the position")
     obstacles_hz: float = number(0.0, 0.0, 20.0, "Hz", "rate at which obstacles will be posted; 0: never")

@@ -148,6 +148,16 @@ def test_a_baud_rate_that_no_port_has_is_a_mistake(baud: str) -> None:
         ({"publish": {"prisms": "ipc:///run/a\0b"}}, "a NUL character cannot be in a text; remove it"),
         ({"camera": [{"name": "x", "device": "\0"}]}, "a NUL character cannot be in a text; remove it"),
         ({"avoid": {"send": True}}, "nothing could be sent"),
+        # ArduPilot does not read messages with its own ids
+        ({"autopilot": {"component_id": 1}}, "[autopilot] component_id = 1: expected a whole number 2..255"),
+        (
+            {
+                "autopilot": {"address": "udpin:0.0.0.0:14540"},
+                "avoid": {"send": True, "near_m": 6.0},
+                "guard": {"enabled": True, "horizon_m": 6.0},
+            },
+            "the guard would stop the vehicle everywhere",
+        ),
         (
             {"avoid": {"send": True}, "autopilot": {"address": "tcp:127.0.0.1:5760"}, "service": {"timeout_s": 0.5}},
             "timeout_s = 0.5 with [avoid] rate_hz = 15",
