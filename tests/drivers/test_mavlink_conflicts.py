@@ -15,6 +15,7 @@ from drivers.mavlink.parser import MessageSplitter
 from drivers.mavlink.session import MavlinkSession
 from drivers.mavlink.session_types import MavlinkParams
 from drivers.mavlink.udp_line import UdpLine
+from drivers.sharing.tunnel import tunnel_message
 from drivers.simulation.autopilot import ARDUPILOT, PX4, SimulatedAutopilot
 from drivers.simulation.autopilot_link import AutopilotLink, UdpEnd
 from drivers.simulation.firmware_profile import FirmwareProfile
@@ -65,6 +66,16 @@ def test_the_autopilots_own_map_and_other_components_are_none() -> None:
     hear(c, frame(heartbeat(8), component=197))  # a gimbal, a camera: anybody may be there
     hear(c, frame(heartbeat(8), system=9, component=196))  # the companion of another vehicle
     assert conflicts(c) == {}
+
+
+def test_a_packet_to_other_vehicles_that_a_router_brings_back_is_no_second_service() -> None:
+    """Sent on the line of [share] tunnel, with the ids of this service. The guard sent no commands."""
+    c = talk(PX4)
+    c.run(2.0)
+    hear(c, frame(tunnel_message(b"packet"), component=196))
+    assert conflicts(c) == {}
+    hear(c, frame(heartbeat(8), component=196))
+    assert "two services" in conflicts(c)
 
 
 @pytest.mark.parametrize(
