@@ -114,6 +114,26 @@ def _azimuth_at(azimuth_rad: NDArray[np.float64], place_m: tuple[float, float], 
     return out
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class CoveredSectors:
+    """Sectors, (72,) each, by which cameras are blind and which see."""
+
+    blind: NDArray[np.bool_]  # blind cameras cover them in part
+    seeing: NDArray[np.bool_]  # seeing cameras cover them in part
+    whole: NDArray[np.bool_]  # seeing cameras could find them clear, see `covered`
+    heights_lost: NDArray[np.bool_]  # see `heights_lost`
+    edge: NDArray[np.bool_]  # see `too_near_the_edge`
+
+
+def covered_sectors(blind: Sequence[Coverage], seeing: Sequence[Coverage], avoid: AvoidParams) -> CoveredSectors:
+    """Returns the sectors that blind and seeing cameras cover."""
+    by_blind, _ = covered(blind)
+    by_seeing, whole = covered(seeing)
+    return CoveredSectors(
+        by_blind, by_seeing, whole, heights_lost(blind, seeing, avoid), too_near_the_edge(seeing, avoid)
+    )
+
+
 def too_near_the_edge(cameras: Sequence[Coverage], avoid: AvoidParams) -> NDArray[np.bool_]:
     """Returns the sectors, (72,), into which the vehicle must not move by what these cameras cover.
 

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from functools import partial
 
@@ -20,7 +19,7 @@ from ..cameras.masks import Mask
 from ..config.avoidance import AvoidParams
 from ..pipeline.multi_camera import HEADING_LOST
 from ..pipeline.results import PrismsResult
-from .camera_coverage import Coverage, Look, covered, everywhere, heights_lost, looked_into, too_near_the_edge
+from .camera_coverage import Coverage, CoveredSectors, Look, covered_sectors, everywhere, looked_into
 from .confirmation import PlaneConfirmation
 from .distance_sensor import Overhead, downward_m
 from .failsafe import AutopilotNow, BlindPolicy, ObstacleView, Recovery, braking_reach, policy_of
@@ -85,6 +84,9 @@ class ObstacleReportBuilder:
         self._infos: dict[str, CameraInfo] = {}
         self._coverage: dict[str, Coverage] = {}
         self._everywhere = everywhere(avoid)
+        self._covered: tuple[tuple[str, ...], CoveredSectors] | None = (
+            None  # by these seeing cameras; None: not computed
+        )
         self._recovery = Recovery(seen.cameras, avoid.recover_frames)
         self._policy = BlindPolicy(avoid)
         self._memory = ObstacleMemory(avoid)
@@ -121,6 +123,7 @@ class ObstacleReportBuilder:
             else:
                 info, coverage = arrived
                 self._infos[info.camera], self._coverage[info.camera] = info, coverage
+                self._covered = None
                 self._confirmation[info.camera] = PlaneConfirmation(self._avoid, info.intrinsics)
 
     def _take(self, result: PrismsResult) -> None:
@@ -201,7 +204,7 @@ class ObstacleReportBuilder:
         for camera in d.seeing:
             covers = (self._coverage[camera].look > Look.NOTHING).any(axis=1)
             exposed_ns[covers] = np.maximum(exposed_ns[covers], seen_ns(self._newest[camera]))
-        blind, _ = covered(self._coverage_of(d.blind))
+        blind = self._covered_by(d).blind
         velocity_m_s = self._motion.velocity_m_s(d.now_ns)
         speed_m_s = None if velocity_m_s is None else math.hypot(*velocity_m_s)
         found = scan(d.views, self._avoid, d.recall)
@@ -226,18 +229,16 @@ class ObstacleReportBuilder:
 
     def _report(self, autopilot: AutopilotNow, d: _Decision) -> ObstacleReport:
         """Applies the failsafe policy and makes the report."""
-        sees, lost = self._coverage_of(c for c in self._cameras if not d.causes[c]), self._coverage_of(d.blind)
-        blind, _ = covered(lost)
-        seeing, whole = covered(sees)
+        sectors = self._covered_by(d)
         sight = ObstacleView(
             scan=d.found,
             recalled=d.recalled,
-            blind=blind,
-            seeing=seeing,
-            whole=whole,
+            blind=sectors.blind,
+            seeing=sectors.seeing,
+            whole=sectors.whole,
             newest_ns=self._newest_good_ns,
-            heights_lost=heights_lost(lost, sees, self._avoid),
-            edge=too_near_the_edge(sees, self._avoid),
+            heights_lost=sectors.heights_lost,
+            edge=sectors.edge,
             velocity_m_s=self._motion.velocity_m_s(d.now_ns),
             on_ground=autopilot.on_ground and not _sees_ground_below(d.views),
         )
@@ -291,9 +292,16 @@ class ObstacleReportBuilder:
         """Returns the oldest of the newest exposures of these cameras; None: there are none."""
         return min((seen_ns(self._newest[c]) for c in seeing), default=None)
 
-    def _coverage_of(self, cameras: Iterable[str]) -> list[Coverage]:
-        """Returns what these cameras cover; one that was never opened may cover any direction."""
-        return [self._coverage.get(camera, self._everywhere) for camera in cameras]
+    def _covered_by(self, d: _Decision) -> CoveredSectors:
+        """Returns the sectors that the blind and the seeing cameras cover. A camera that was never opened may cover any
+        direction."""
+        seeing = tuple(camera for camera in self._cameras if not d.causes[camera])
+        if self._covered is None or self._covered[0] != seeing:
+            blind, sees = (
+                [self._coverage.get(camera, self._everywhere) for camera in cameras] for cameras in (d.blind, seeing)
+            )
+            self._covered = seeing, covered_sectors(blind, sees, self._avoid)
+        return self._covered[1]
 
     def _view(self, result: PrismsResult, here: Here) -> View:
         return self._motion.view(

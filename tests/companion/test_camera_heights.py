@@ -82,3 +82,18 @@ def test_a_second_level_camera_moves_the_edge_of_the_view() -> None:
     assert np.count_nonzero(~too_near_the_edge([level, beside], AVOID)) > np.count_nonzero(
         ~too_near_the_edge([level], AVOID)
     )
+
+
+def test_a_camera_that_is_opened_covers_what_it_looks_into_from_then_on() -> None:
+    chain = Chain(CLEAR)
+    chain.builder = ObstacleReportBuilder(AVOID, SeenCameras(cameras=("front", "up"), timeout_s=0.3))
+    chain.builder.announce(CAMERA)
+    chain.fly(1.0)
+    never_opened = chain.report(ARDUPILOT).values
+    chain.builder.announce(pitched("up", 10.0))
+    chain.fly(0.1)
+    opened = chain.report(ARDUPILOT).values
+    assert never_opened is not None
+    assert opened is not None
+    assert (never_opened[[20, 36]] == WALL).all()
+    assert (opened[[20, 36]] == UNKNOWN).all()
