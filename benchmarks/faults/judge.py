@@ -86,9 +86,13 @@ class Judge:
             self._note(
                 loop, f"{values.count(clear_cm)} sectors are clear {since_ns / NS:.2f} s after the newest attitude"
             )
+        # cameras of one direction see the height band together: the newest image of each of them is needed
+        together = len({camera.mount.yaw_rad for camera in loop.cameras}) < len(loop.cameras)
         for sector, value in enumerate(values):
             if value == clear_cm:
-                newest_ns = max((evidence.frame_ns[c] for c in viewers(loop, sector, -BORDER_DEG)), default=-1)
+                newest_ns = (min if together else max)(
+                    (evidence.frame_ns[c] for c in viewers(loop, sector, -BORDER_DEG)), default=-1
+                )
                 since_ns = now_ns - max(newest_ns, loop.began_ns)
                 if since_ns > BLIND_NS:
                     self._note(loop, f"sector {sector} is clear {since_ns / NS:.2f} s after the newest image of it")

@@ -80,8 +80,11 @@ class _OnLine(NamedTuple):
 
 def cameras_of(seed: int) -> tuple[CameraInfo, ...]:
     """The cameras of a flight: one that looks ahead, and in every third flight a second one that looks to the right and overlaps
-    its view, or does not."""
+    its view, or does not. In every ninth flight both look ahead, one up and one down, and see the height band together."""
     front = camera_info(160, 120, max_range_m=20.0)
+    if seed % 9 == 3:
+        up, down = (replace(front.mount, pitch_rad=math.radians(pitch_deg)) for pitch_deg in (22.0, -22.0))
+        return replace(front, mount=up), replace(front, camera="down", mount=down)
     if seed % 3:
         return (front,)
     mount = CameraMount(yaw_rad=math.radians(60.0 if seed % 2 else 85.0), x_m=0.1, y_m=0.15, z_m=-0.05)
