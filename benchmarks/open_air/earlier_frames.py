@@ -175,7 +175,7 @@ def cases(a: argparse.Namespace) -> Iterator[tuple[str, View, StereoScene, tuple
         return
     for diameter_m in ROD_DIAMETERS_M:
         for distance_m in ROD_DISTANCES_M:
-            for below_deg in ROD_BELOW_DEG:
+            for below_deg in map(float, a.below_deg):
                 for view in views(a, "field"):
                     rod = rod_scene(diameter_m, distance_m, below_deg, view.height_m)
                     yield f"rod of {1000.0 * diameter_m:g} mm at {distance_m:g} m", view, rod, STEADY_DEG
@@ -202,6 +202,7 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     p.add_argument("--mover-m-s", type=words, default=[0.0, 5.0, 10.0, 15.0], help="speed of what may enter")
     p.add_argument("--open-share", type=float, default=OpenSkyParams().open_share, help="key of [open_sky]")
     p.add_argument("--rods", action="store_true", help="level rods before a field in place of the scenes")
+    p.add_argument("--below-deg", type=words, default=list(ROD_BELOW_DEG), help="of the rods, below the horizon")
     return p.parse_args(arguments)
 
 

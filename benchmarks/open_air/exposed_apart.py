@@ -35,7 +35,7 @@ def median_m(distance_m: float, apart_ms: float, turn_deg_s: float) -> float:
     """Median depth of the accepted pixels, NaN: none."""
     turned_px = F_PX * math.radians(turn_deg_s) * apart_ms / 1000.0
     right = wall(-F_PX * BASELINE_M / distance_m - turned_px, 3)
-    depth_mm = StereoMatcher().depth(wall(0.0, 2), right, F_PX * BASELINE_M)
+    depth_mm = StereoMatcher().depth(wall(0.0, 2), right, F_PX, BASELINE_M)
     measured = depth_mm[depth_mm > 0]
     return float(np.median(measured)) / 1000.0 if len(measured) else math.nan
 

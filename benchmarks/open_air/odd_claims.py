@@ -52,12 +52,14 @@ class OddView:
     model: FrameModel
 
 
-def odd_view(family: str, seed: int, cameras: dict[str, StereoCamera], extractor: Extractor) -> OddView:
-    """The view of a family and a seed; level in four of ten cases, else with pitch and roll of up to 8 degrees."""
+def odd_view(
+    family: str, seed: int, profiles: list[str], cameras: dict[str, StereoCamera], extractor: Extractor
+) -> OddView:
+    """The view of a family and a seed, of one of the profiles; level in four of ten cases, else with pitch and roll of up to 8 degrees."""
     rng = np.random.Generator(np.random.PCG64([seed, list(FAMILIES).index(family), 11]))
     odd = odd_scene(family, rng)
     scene, exposure = odd.scene, odd.exposure
-    profile = PROFILES[int(rng.integers(len(PROFILES)))]
+    profile = profiles[int(rng.integers(len(profiles)))]
     pitch, roll = (0.0, 0.0) if rng.uniform() < 0.4 else rng.uniform(-8.0, 8.0, 2)
     pitch = pitch if odd.pitch_deg is None else odd.pitch_deg
     attitude = math.radians(roll), math.radians(pitch), float(rng.uniform(-0.1, 0.1))
@@ -124,6 +126,7 @@ def draw(view: OddView, free: Mask, opened: Mask, folder: Path) -> None:
 def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     """The command line."""
     p = ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    p.add_argument("--profiles", type=words, default=list(PROFILES), help="cameras of which each view takes one")
     p.add_argument("--families", type=words, default=list(FAMILIES), help="of odd_scenes.py")
     p.add_argument("--first-seed", type=int, default=0)
     p.add_argument("--seeds", type=int, default=10, help="scenes of each family")
@@ -134,14 +137,14 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
 def main(arguments: list[str] | None = None) -> int:
     """Command line; returns the exit status."""
     a = parse(arguments)
-    cameras = {name: StereoCamera(marked(profile_of(name))) for name in dict.fromkeys(PROFILES)}
+    cameras = {name: StereoCamera(marked(profile_of(name))) for name in dict.fromkeys(a.profiles)}
     params = Params()
     extractor = Extractor(params, OpenSkyParams(mode="presume"))
     print("| " + " | ".join(COLUMNS) + " |", "|---" * len(COLUMNS) + "|", sep="\n")
     views, invalid, free_cells, open_cells = 0, 0, 0, 0
     for seed in range(a.first_seed, a.first_seed + a.seeds):
         for family in a.families:
-            view = odd_view(family, seed, cameras, extractor)
+            view = odd_view(family, seed, a.profiles, cameras, extractor)
             views, invalid = views + 1, invalid + (not view.model.valid)
             if not view.model.valid:
                 continue

@@ -34,9 +34,8 @@ from core.types import (
     FrameModel,
     Intrinsics,
 )
-from drivers.cameras.stereo import MatchParams, StereoMatcher, depth_mm
+from drivers.cameras.stereo import MatchParams, StereoMatcher
 from drivers.cameras.stereo_errors import bias_coefficient, noise_coefficient
-from drivers.cameras.textureless import SmoothLimits, mark_unmeasured
 from drivers.cameras.zed_uvc import DISPARITY_SIGMA_PX
 
 Gray = NDArray[np.uint8]
@@ -62,9 +61,8 @@ class Pair:
 
     def depth(self) -> NDArray[np.uint16]:
         """(H, W) uint16 mm with marks, as the ZED's driver delivers it with `mark_smooth`."""
-        disparity = StereoMatcher(MatchParams(mark_smooth=True)).disparity(self.left, self.right)
-        depth = depth_mm(disparity, self.intrinsics.fx * self.baseline_m)
-        return mark_unmeasured(depth, disparity, self.left, self.right, SmoothLimits())
+        matcher = StereoMatcher(MatchParams(mark_smooth=True))
+        return matcher.depth(self.left, self.right, self.intrinsics.fx, self.baseline_m)
 
     def info(self) -> CameraInfo:
         """The constants of its camera, with the errors that the ZED's driver assumes."""

@@ -278,7 +278,7 @@ class OakSource:
             self._take_rows(left, right)
         right = self._rows.rotation.turned(right, self.info.intrinsics)
         if self._matcher is not None:
-            return self._matcher.depth(left, right, self._f_b_px_m())
+            return self._matcher.depth(left, right, self.info.intrinsics.fx, self._open_link().baseline_m)
         depth = self._pixels(self._part(message, DEPTH))
         if self._depth_alignment.due:
             self._depth_alignment.take(depth, (left, right), self._f_b_px_m(), settings.match)

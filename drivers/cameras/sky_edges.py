@@ -21,16 +21,18 @@ _ALONG_PX, _LEAST_SHARE = 61, 0.9
 """Columns along which a shift is averaged, and share of them that must have an edge."""
 _STRAIGHT_ROWS, _MOST_ROWS = 3.0, 2.0
 """Standard deviation of an edge from a line, at most; and the greatest shift of a column that is averaged as it is."""
-_FAR_PX, _LEAST_ROWS, _LEAST_SLOPE = 2.0, 0.12, 0.03
-"""An edge of at least this slope is near whose shift is more than that of so much disparity, by so many rows: rows of both images differ
-by some hundredths, and interpolation moves a level edge by more than a tenth in steps of one row."""
+FAR_PX = 2.0
+"""Greatest disparity of an edge of the sky: 21 m for a ZED at 672 columns."""
+_LEAST_ROWS, _LEAST_SLOPE = 0.12, 0.03
+"""An edge of at least this slope is near whose shift is more than that of the disparity of a far edge, by so many rows: rows of both
+images differ by some hundredths, and interpolation moves a level edge by more than a tenth in steps of one row."""
 _LEAST_CORRELATION = 0.6
 """An edge of at least this slope is near too where its profiles in both images correlate by less: a shift of about 3 rows."""
 
 
-def columns_with_near_edge(even: Mask, left: Gray, right: Gray) -> Mask:
+def columns_with_near_edge(even: Mask, left: Gray, right: Gray, far_px: float = FAR_PX) -> Mask:
     """(W,) columns in which the smooth pixels below the upper border end at an edge that is near. even: (H, W) whether a pixel is
-    smooth; left, right: (H, W) uint8, rectified."""
+    smooth; left, right: (H, W) uint8, rectified; far_px: greatest disparity of an edge that is not near."""
     height, width = even.shape
     below_border = ~even[_BORDER_ROWS:]
     row = np.where(below_border.any(axis=0), np.argmax(below_border, axis=0) + _BORDER_ROWS, 0)
@@ -42,7 +44,7 @@ def columns_with_near_edge(even: Mask, left: Gray, right: Gray) -> Mask:
     slope, straight = _slopes(row.astype(np.float64), valid)
     mean = _along(shift) / np.maximum(_along(valid.astype(np.float64)), 1e-9)
     both, of_one, of_other = (_along(p) for p in products)
-    apart = mean * np.sign(slope) > _FAR_PX * np.abs(slope) + _LEAST_ROWS
+    apart = mean * np.sign(slope) > far_px * np.abs(slope) + _LEAST_ROWS
     apart |= both < _LEAST_CORRELATION * np.sqrt(np.maximum(of_one * of_other, 0.0))
     near = straight & (np.abs(slope) >= _LEAST_SLOPE) & apart
     reach = np.ones((1, _ALONG_PX), np.uint8)

@@ -14,7 +14,7 @@ from core.types import UNKNOWN_MM, Intrinsics
 from .match_confidence import ConfidenceLimits, accepted_matches
 from .right_rotation import RightRotation
 from .subpixel import refined
-from .textureless import SmoothLimits, mark_unmeasured
+from .textureless import limits_of, mark_unmeasured
 from .zed_calibration import StereoCalibration
 
 Gray = NDArray[np.uint8]
@@ -122,7 +122,7 @@ class StereoDepth:
 
     def depth(self, left: Gray, right: Gray) -> NDArray[np.uint16]:
         """(H, W) uint16 mm of a raw pair of gray images, in the rectified left one."""
-        return self._matcher.depth(*self.rectified(left, right), self.intrinsics.fx * self.baseline_m)
+        return self._matcher.depth(*self.rectified(left, right), self.intrinsics.fx, self.baseline_m)
 
 
 class StereoMatcher:
@@ -141,12 +141,14 @@ class StereoMatcher:
             found[:edge], found[-edge:], found[:, :edge], found[:, -edge:] = -1, -1, -1, -1
         return found
 
-    def depth(self, left: Gray, right: Gray, f_b_px_m: float) -> NDArray[np.uint16]:
+    def depth(self, left: Gray, right: Gray, f_px: float, baseline_m: float) -> NDArray[np.uint16]:
         """(H, W) uint16 mm of a rectified pair, in the left image, with the marks of smooth pixels where they are on.
-        f_b_px_m: focal length of the rectified images times baseline."""
+        f_px: focal length of the rectified images."""
         disparity = self.disparity(left, right)
-        depth = depth_mm(disparity, f_b_px_m)
-        return mark_unmeasured(depth, disparity, left, right, SmoothLimits()) if self._params.mark_smooth else depth
+        depth = depth_mm(disparity, f_px * baseline_m)
+        if not self._params.mark_smooth:
+            return depth
+        return mark_unmeasured(depth, disparity, left, right, limits_of(f_px, baseline_m))
 
 
 def confidence_limits(params: MatchParams) -> ConfidenceLimits:

@@ -7,7 +7,7 @@ saturated pixels of either image are not judged: there it holds no contrast that
 from __future__ import annotations
 
 import functools
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -18,7 +18,7 @@ from core.types import BEYOND_MM, CONTINUED_MM, TEXTURED_MM, TEXTURELESS_MM, UNK
 from .level_lines import line_steps
 from .match_confidence import BACKGROUND_PX
 from .sky_areas import ambiguous_sky
-from .sky_edges import columns_with_near_edge
+from .sky_edges import FAR_PX, columns_with_near_edge
 
 Gray = NDArray[np.uint8]
 Image = NDArray[np.float32]
@@ -58,7 +58,8 @@ class SmoothLimits:
     of a sky; bend_grey: greatest change of that slope over a window; dark_grey, bright_grey: pixels outside of this range are
     not judged; differ_grey: greatest difference in brightness between both images; like_grey: greatest difference between a
     surface and what is below it that counts as alike; grow_px: pixels this close to an edge are not smooth; line_px: least length of
-    a level line."""
+    a level line; near_px: least disparity of what is near; far_px:
+    greatest disparity of an edge of the sky. `limits_of` gives the limits of a camera."""
 
     edge_sigmas: float = 5.0
     slope_grey: float = 0.8
@@ -69,6 +70,24 @@ class SmoothLimits:
     like_grey: float = 5.0
     grow_px: int = 2
     line_px: int = 61
+    near_px: float = BACKGROUND_PX
+    far_px: float = FAR_PX
+
+
+_TUNED_F_B_PX_M = 42.0
+"""Focal length times baseline of the camera of which SmoothLimits holds the limits."""
+
+
+def limits_of(f_px: float, baseline_m: float) -> SmoothLimits:
+    """The limits for a camera: angles and distances in its pixels. A greater focal length or baseline does not make a distance looser. f_px:
+    focal length of the rectified images."""
+    tuned = SmoothLimits()
+    deeper = min(1.0, f_px * baseline_m / _TUNED_F_B_PX_M)
+    return replace(
+        tuned,
+        near_px=tuned.near_px * deeper,
+        far_px=tuned.far_px * deeper,
+    )
 
 
 def noise_grey(image: Gray) -> float:
@@ -214,8 +233,8 @@ def mark_unmeasured(
     matched, edge = disparity >= 0.0, edges(left, limits)
     even, shifted = smooth_and_shifted(left, right, edge, limits)
     even &= ~matched
-    even[:, columns_with_near_edge(even, left, right)] = False
-    near = shifted | (disparity >= BACKGROUND_PX)
+    even[:, columns_with_near_edge(even, left, right, limits.far_px)] = False
+    near = shifted | (disparity >= limits.near_px)
     even &= ~ambiguous_sky(even, even | (shifted & ~matched), near, left, limits.slope_grey)
     marks = np.where(even, np.uint16(TEXTURELESS_MM), np.uint16(UNKNOWN_MM))
     marks[edge & judged(left, limits)] = TEXTURED_MM

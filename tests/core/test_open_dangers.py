@@ -135,7 +135,7 @@ def marked_girder(
         for u in range(0, width, teeth_px):
             bottom[u : u + int(rng.integers(1, teeth_px + 1))] += int(rng.integers(0, 21))
     rows = np.arange(height)[:, None]
-    left = np.full((height, width), 200.0)
+    left = np.full((height, width), 200.0) - 0.2 * (height - rows)
     left[max(0, top_row) :] = 120.0
     ground = rows >= bottom
     left[ground] += rng.normal(0.0, 18.0, left.shape)[ground]
@@ -201,7 +201,7 @@ def marked_field(rod_deg: float | None) -> Depth:
     width, height = CAMERAS[f_px]
     rng = np.random.default_rng(8)
     horizon, first = row_at(f_px, 0.0), row_at(f_px, -1.2)
-    left = np.full((height, width), 200.0)
+    left = np.full((height, width), 200.0) + 0.2 * (np.arange(height)[:, None] - horizon)
     left[horizon:] = 110.0 + rng.normal(0.0, 12.0, (height - horizon, width))
     if rod_deg is not None:
         left[row_at(f_px, -rod_deg) :][:2] = 170.0

@@ -21,11 +21,11 @@ OFF = MatchParams(correlation=0.0, texture=0.0, period=1.0)
 
 
 def scene(sky_rows: int = 0) -> tuple[np.ndarray, np.ndarray]:
-    """A textured wall at WALL_MM in both images, under a blank sky of sky_rows; noise of one grey level."""
+    """A textured wall at WALL_MM in both images, under a sky of sky_rows; noise of one grey level."""
     rng = np.random.Generator(np.random.PCG64(1))
     wall = cv2.GaussianBlur(rng.standard_normal((HEIGHT, WIDTH + SHIFT)), (0, 0), 1.2)
     wall = 120.0 + 30.0 * wall / wall.std()
-    wall[:sky_rows] = 200.0
+    wall[:sky_rows] = 200.0 + 0.3 * (np.arange(sky_rows)[:, None] - sky_rows)
     views = (wall[:, :WIDTH], wall[:, SHIFT : SHIFT + WIDTH])
     left, right = (np.clip(np.rint(v + rng.standard_normal(v.shape)), 0, 255).astype(np.uint8) for v in views)
     return left, right
@@ -108,5 +108,5 @@ def test_exchanged_images_are_not_measured() -> None:
     there are too few corners to name the cause. Chance matches are too few for a valid frame."""
     left, right = scene()
     assert not confirmed_depth(device_depth(), (right, left), F_B_PX_M, MatchParams()).any()
-    matched = StereoMatcher(MatchParams(disparities=32)).depth(right, left, F_B_PX_M)
+    matched = StereoMatcher(MatchParams(disparities=32)).depth(right, left, F_PX, BASELINE_M)
     assert np.mean(matched != UNKNOWN_MM) < 0.5 * Params().min_measured_share

@@ -63,6 +63,10 @@ def test_what_one_dirty_lens_hides_is_not_measured(effect: Callable[[Float], Flo
     assert not depth_mm[175:205, 322:352].any()  # the spot lies 7 px farther right in the left image
 
 
+BRIGHTER_DOWNWARDS: Float = np.linspace(-30.0, 30.0, 376)[:, None]
+"""As a sky: what has one brightness at all heights is none."""
+
+
 def _smooth_share(depth_mm: NDArray[np.uint16]) -> float:
     return float(np.mean((depth_mm == TEXTURELESS_MM) | (depth_mm == CONTINUED_MM)))
 
@@ -78,7 +82,7 @@ def _half(image: Float) -> Float:
 def test_what_one_dirty_lens_hides_is_no_sky(effect: Callable[[Float], Float], dirty: str) -> None:
     """[open_sky] presumes surfaces without texture open. Half of a wall before a blurred left lens counted as such by a tenth."""
     calibration = parse_zed_calibration(NEW, "SN2.conf", 672, 376)
-    left, right = (image.astype(np.float32) for image in pair(calibration, 6.0))
+    left, right = (image.astype(np.float32) + BRIGHTER_DOWNWARDS for image in pair(calibration, 6.0))
     noise = np.random.Generator(np.random.PCG64(1))
     images = (effect(left), right) if dirty == "left" else (left, effect(right))
     depth_mm = StereoDepth(calibration, MatchParams(mark_smooth=True)).depth(*(_seen(image, noise) for image in images))
@@ -92,10 +96,10 @@ def test_a_fine_texture_before_one_blurred_lens_is_no_sky(grain_px: float, contr
     lens, and up to 16 % before a blurred right one, since it has no match there."""
     rng = np.random.Generator(np.random.PCG64(7))
     grain = cv2.GaussianBlur(rng.standard_normal((376, 692)), (0, 0), grain_px)
-    wall = 130.0 + contrast_grey * grain / grain.std()
+    wall = 130.0 + contrast_grey * grain / grain.std() + BRIGHTER_DOWNWARDS
     left, right = wall[:, :672], wall[:, 20:]
     matcher = StereoMatcher(MatchParams(mark_smooth=True))
     blurred = cv2.GaussianBlur(left if dirty == "left" else right, (0, 0), 6.0)
     images = (blurred, right) if dirty == "left" else (left, blurred)
-    assert _smooth_share(matcher.depth(*(_seen(image, rng) for image in images), 40.0)) < 0.005
-    assert np.mean(matcher.depth(_seen(left, rng), _seen(right, rng), 40.0) == 2000) > 0.0
+    assert _smooth_share(matcher.depth(*(_seen(image, rng) for image in images), 400.0, 0.1)) < 0.005
+    assert np.mean(matcher.depth(_seen(left, rng), _seen(right, rng), 400.0, 0.1) == 2000) > 0.0

@@ -168,9 +168,11 @@ def test_rows_that_differ_are_corrected_where_the_host_matches(on_host: bool, mo
     matched: list[tuple[np.ndarray, np.ndarray]] = []
     depth = StereoMatcher.depth
 
-    def observed(self: StereoMatcher, left: np.ndarray, right: np.ndarray, f_b_px_m: float) -> np.ndarray:
+    def observed(
+        self: StereoMatcher, left: np.ndarray, right: np.ndarray, f_px: float, baseline_m: float
+    ) -> np.ndarray:
         matched.append((left, right))
-        return depth(self, left, right, f_b_px_m)
+        return depth(self, left, right, f_px, baseline_m)
 
     monkeypatch.setattr(StereoMatcher, "depth", observed)
     settings = replace(SETTINGS, host_matching=on_host)

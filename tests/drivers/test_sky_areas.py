@@ -7,24 +7,36 @@ import pytest
 from numpy.typing import NDArray
 
 from core.types import TEXTURELESS_MM, UNKNOWN_MM
-from drivers.cameras.textureless import SmoothLimits, mark_unmeasured
+from drivers.cameras.textureless import SmoothLimits, limits_of, mark_unmeasured
 
 HEIGHT, WIDTH, HORIZON, NEAR_PX = 240, 400, 120, 8
 SKY_GREY, GROUND_GREY = 180.0, 80.0
 Gray = NDArray[np.uint8]
 Marks = NDArray[np.uint16]
+LIMITS = SmoothLimits()
 
 
-def eye(first: int, end: int, top: int, bottom: int, grey: float, shift: int, seed: int) -> Gray:
-    """Sky and ground, with one thing without texture: columns first..end and rows top..bottom, `shift` farther to the left."""
+def eye(first: int, end: int, top: int, bottom: int, grey: float, shift: float, seed: int) -> Gray:
+    """Sky and ground, with one thing without texture: columns first..end and rows top..bottom, `shift` farther to the left. The
+    brightness of all changes with height, as that of a sky."""
     rng = np.random.default_rng(seed)
     image = np.full((HEIGHT, WIDTH), SKY_GREY)
     image[HORIZON:] = GROUND_GREY
-    image[top:bottom, max(0, first - shift) : end - shift] = grey
+    covered = np.clip(np.arange(WIDTH) - (first - shift) + 0.5, 0.0, 1.0) * np.clip(
+        end - shift - np.arange(WIDTH) + 0.5, 0.0, 1.0
+    )
+    image[top:bottom] += covered * (grey - image[top:bottom])
+    image += 0.2 * (np.arange(HEIGHT)[:, None] - HORIZON)
     return np.asarray(np.clip(np.rint(image + rng.standard_normal(image.shape)), 0, 255), np.uint8)
 
 
-def marks_of(thing: tuple[int, int, int, int], grey: float, shift: int, matched: bool = False) -> Marks:
+def marks_of(
+    thing: tuple[int, int, int, int],
+    grey: float,
+    shift: float,
+    matched: bool = False,
+    limits: SmoothLimits = LIMITS,
+) -> Marks:
     """The marks of an image with such a thing; matched: its upright outlines are."""
     left, right = eye(*thing, grey, 0, 1), eye(*thing, grey, shift, 2)
     disparity = np.full(left.shape, -1.0, np.float32)
@@ -32,7 +44,7 @@ def marks_of(thing: tuple[int, int, int, int], grey: float, shift: int, matched:
     if matched:
         for at in (first, end):
             disparity[top:bottom, max(0, at - 2) : at + 2] = shift
-    return mark_unmeasured(np.full(left.shape, UNKNOWN_MM, np.uint16), disparity, left, right, SmoothLimits())
+    return mark_unmeasured(np.full(left.shape, UNKNOWN_MM, np.uint16), disparity, left, right, limits)
 
 
 def sky_share(marks: Marks, first: int, end: int) -> float:
@@ -55,6 +67,18 @@ def test_a_nearer_slab_is_no_sky_either(shift: int, grey: float) -> None:
     """Beside its outline each image shows another surface over as many columns as the disparity. A step of 15 grey levels was compared
     with the slope of a sky over all of them, and an outline of more than 48 columns was none."""
     marks = marks_of((200, WIDTH + 20, 0, HORIZON), grey, shift)
+    assert sky_share(marks, 220, WIDTH - 20) == 0.0
+    assert sky_share(marks, 20, 180) == 0.0
+
+
+@pytest.mark.parametrize("distance_m", [3.0, 8.0, 10.0])
+@pytest.mark.parametrize("grey", [130.0, 165.0])
+def test_what_is_near_is_a_distance(distance_m: float, grey: float) -> None:
+    """A camera of 220 px with a baseline of 75 mm has a disparity of 2.1 px at 8 m, a ZED at 672 columns of 5.2 px. From 4 px on an
+    outline was near, or where it changed the brightness of the right image beside it: by less than 20 grey levels it did not."""
+    f_px, baseline_m = 220.0, 0.075
+    shift = f_px * baseline_m / distance_m
+    marks = marks_of((200, WIDTH + 20, 0, HORIZON), grey, shift, True, limits_of(f_px, baseline_m))
     assert sky_share(marks, 220, WIDTH - 20) == 0.0
     assert sky_share(marks, 20, 180) == 0.0
 

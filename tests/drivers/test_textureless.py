@@ -207,11 +207,12 @@ def test_a_level_line_below_the_horizon_is_unknown_and_the_horizon_is_not(
 
 def lower_edge_marks(rows_of_sky: int, sharpened: float = 0.0) -> NDArray[np.uint16]:
     """The marks (rows above and below, columns) of a blank thing that ends so many rows above the horizon, in row 90, with a brighter
-    sky between both; 0: a sky that ends there. sharpened: how much an unsharp mask adds."""
+    sky between both; 0: a sky that ends there. All of it gets brighter downwards. sharpened: how much an unsharp mask adds."""
     image = np.full((HEIGHT, WIDTH), 170.0)
     if rows_of_sky:
         image[: 90 - rows_of_sky] = 130.0
     image[90:] = 80.0
+    image += 0.2 * (np.arange(HEIGHT)[:, None] - 90.0)
     image += sharpened * (image - cv2.GaussianBlur(image, (0, 0), 1.0))
     left, right = pair(image)
     nothing = np.full((HEIGHT, WIDTH), -1.0, np.float32)

@@ -16,7 +16,7 @@ from core.types import CameraInfo, CameraMount, Intrinsics
 
 from ...cameras.device_matches import confirmed_depth
 from ...cameras.stereo import MatchParams, StereoMatcher, depth_mm
-from ...cameras.textureless import SmoothLimits, mark_unmeasured
+from ...cameras.textureless import limits_of, mark_unmeasured
 from .census_matching import CensusParams, census_disparity
 from .exposure import Gray
 from .pair_renderer import PairBrightness, StereoPair, StereoView, expose_pair, pair_brightness
@@ -94,6 +94,10 @@ ZED_RECTIFIED = replace(
     view=replace(ZED.view, imagers_deg=((0.1, -0.15, 0.2), (-0.1, 0.12, -0.15))),
 )
 """The same with imagers that are turned as those of a real camera, so that its images are interpolated."""
+ZED_HD = replace(ZED, name="zed_hd", view=_view(1280, 720, 700.0, 0.12), match=MatchParams(disparities=192))
+"""The same at twice the resolution."""
+ZED_WIDE = replace(ZED, name="zed_wide", view=_view(672, 376, 235.0, 0.12))
+"""A lens of 110 degrees."""
 LONG = StereoProfile(
     name="long", view=_view(640, 480, 450.0, 0.25), match=MatchParams(disparities=128), max_range_m=20.0
 )
@@ -108,6 +112,17 @@ OAK = StereoProfile(
 )
 OAK_HOST = replace(OAK, name="oak_host", census=None, host_check=False)
 """An OAK whose rectified images are matched on the host (`match_on = "host"`)."""
+OAK_WIDE = replace(OAK_HOST, name="oak_wide", view=_view(640, 400, 285.0, 0.075), max_range_m=10.0)
+"""The same with the wide lenses."""
+OAK_HALF = replace(
+    OAK_HOST,
+    name="oak_half",
+    view=_view(320, 200, 220.5, 0.075),
+    match=MatchParams(disparities=48),
+    min_range_m=0.4,
+    max_range_m=10.0,
+)
+"""The same at half of the resolution."""
 D400 = StereoProfile(
     name="d400",
     view=_view(640, 480, 385.0, 0.05),
@@ -118,7 +133,8 @@ D400 = StereoProfile(
     max_range_m=6.0,
 )
 D400_ACTIVE = replace(D400, name="d400_active", projector=Projector(offset_m=0.025, strength=2.0))
-PROFILES: dict[str, StereoProfile] = {p.name: p for p in (ZED, ZED_RECTIFIED, LONG, OAK, OAK_HOST, D400, D400_ACTIVE)}
+_ALL = (ZED, ZED_RECTIFIED, ZED_HD, ZED_WIDE, LONG, OAK, OAK_HOST, OAK_WIDE, OAK_HALF, D400, D400_ACTIVE)
+PROFILES: dict[str, StereoProfile] = {p.name: p for p in _ALL}
 
 
 class StereoCamera:
@@ -153,5 +169,5 @@ class StereoCamera:
         if self.profile.host_check:
             return confirmed_depth(depth, (pair.left, pair.right), k.fx * baseline_m, self.profile.match)
         if self.profile.marks_smooth:
-            return mark_unmeasured(depth, disparity, pair.left, pair.right, SmoothLimits())
+            return mark_unmeasured(depth, disparity, pair.left, pair.right, limits_of(k.fx, baseline_m))
         return depth
