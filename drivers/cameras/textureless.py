@@ -19,6 +19,7 @@ from .level_lines import line_steps
 from .match_confidence import BACKGROUND_PX
 from .sky_areas import ambiguous_sky
 from .sky_edges import FAR_PX, columns_with_near_edge
+from .sky_gradient import columns_without_gradient
 
 Gray = NDArray[np.uint8]
 Image = NDArray[np.float32]
@@ -58,7 +59,7 @@ class SmoothLimits:
     of a sky; bend_grey: greatest change of that slope over a window; dark_grey, bright_grey: pixels outside of this range are
     not judged; differ_grey: greatest difference in brightness between both images; like_grey: greatest difference between a
     surface and what is below it that counts as alike; grow_px: pixels this close to an edge are not smooth; line_px: least length of
-    a level line; near_px: least disparity of what is near; far_px:
+    a level line; rise_px: rows over which the brightness of a sky changes; near_px: least disparity of what is near; far_px:
     greatest disparity of an edge of the sky. `limits_of` gives the limits of a camera."""
 
     edge_sigmas: float = 5.0
@@ -70,12 +71,13 @@ class SmoothLimits:
     like_grey: float = 5.0
     grow_px: int = 2
     line_px: int = 61
+    rise_px: int = 24
     near_px: float = BACKGROUND_PX
     far_px: float = FAR_PX
 
 
-_TUNED_F_B_PX_M = 42.0
-"""Focal length times baseline of the camera of which SmoothLimits holds the limits."""
+_TUNED_F_PX, _TUNED_F_B_PX_M = 350.0, 42.0
+"""Focal length of the camera of which SmoothLimits holds the limits, and the same times its baseline."""
 
 
 def limits_of(f_px: float, baseline_m: float) -> SmoothLimits:
@@ -85,6 +87,7 @@ def limits_of(f_px: float, baseline_m: float) -> SmoothLimits:
     deeper = min(1.0, f_px * baseline_m / _TUNED_F_B_PX_M)
     return replace(
         tuned,
+        rise_px=round(tuned.rise_px * f_px / _TUNED_F_PX),
         near_px=tuned.near_px * deeper,
         far_px=tuned.far_px * deeper,
     )
@@ -234,6 +237,7 @@ def mark_unmeasured(
     even, shifted = smooth_and_shifted(left, right, edge, limits)
     even &= ~matched
     even[:, columns_with_near_edge(even, left, right, limits.far_px)] = False
+    even[:, columns_without_gradient(even, left, limits.rise_px)] = False
     near = shifted | (disparity >= limits.near_px)
     even &= ~ambiguous_sky(even, even | (shifted & ~matched), near, left, limits.slope_grey)
     marks = np.where(even, np.uint16(TEXTURELESS_MM), np.uint16(UNKNOWN_MM))
