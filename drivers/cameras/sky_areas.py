@@ -19,8 +19,10 @@ _LEAST_AREA_PX, _LEAST_OUTLINE_PX = 400, 24
 """Pixels of an area that are as bright in the right image, and pixels of the outline between two areas."""
 _MARKS_PX, _STEP_GREY = 8, 4.0
 """Pixels from what is near to the marks of an outline; and least step of brightness across it beyond the greatest slope of a sky."""
+_HANGING = 0.25
+"""Share of the columns of an area that may lie lower than its end."""
 _SAME_END, _BESIDE = 24, 4
-"""Two areas end at the same height where their lowest rows differ by at most the width of the image over the first number, looked for
+"""Two areas end at the same height where their lower ends differ by at most the width of the image over the first number, looked for
 within its width over the second one."""
 
 
@@ -38,7 +40,7 @@ def ambiguous_sky(even: Mask, smooth_left: Mask, near: Mask, left: Gray, slope_g
     pairs, counts = _separated(labels[:end], reaches, near[:end], left[:end], slope_grey)
     taken = np.zeros(len(stats), np.bool_)
     for (a, b), count in zip(pairs, counts, strict=True):
-        if count >= _LEAST_OUTLINE_PX and (_ends_beside(labels, stats, a, b) or _ends_beside(labels, stats, b, a)):
+        if count >= _LEAST_OUTLINE_PX and (_ends_beside(labels, a, b) or _ends_beside(labels, b, a)):
             taken[[a, b]] = True
     return np.asarray(taken[labels])
 
@@ -62,11 +64,21 @@ def _separated(
     return np.stack(np.divmod(keys, len(reaches)), axis=1), counts
 
 
-def _ends_beside(labels: NDArray[np.int32], stats: NDArray[np.int32], a: int, b: int) -> bool:
-    """Whether area a ends, at its lowest place, at the same height as area b beside it."""
+def _ends_beside(labels: NDArray[np.int32], a: int, b: int) -> bool:
+    """Whether area a ends at the same height as area b beside it."""
     width = labels.shape[1]
-    bottom = int(stats[a, cv2.CC_STAT_TOP] + stats[a, cv2.CC_STAT_HEIGHT]) - 1
-    u = int(np.argmax(labels[bottom] == a))
-    reach = width // _BESIDE
-    rows = np.flatnonzero((labels[:, max(0, u - reach) : u + reach + 1] == b).any(axis=1))
-    return len(rows) > 0 and abs(int(rows[-1]) - bottom) <= width // _SAME_END
+    reach, most = width // _BESIDE, width // _SAME_END
+    for row, u in _ends(labels == a):
+        first = max(0, u - reach)
+        if any(abs(row - other) <= most for other, _ in _ends(labels[:, first : u + reach + 1] == b)):
+            return True
+    return False
+
+
+def _ends(area: Mask) -> list[tuple[int, int]]:
+    """(row, column) where an area (H, W) ends: its lowest place, and the one that as many columns as _HANGING pass, since a leaf, a chain
+    or a pier may belong to it. Empty for an area without pixels."""
+    columns = np.flatnonzero(area.any(axis=0))
+    lowest = len(area) - 1 - np.argmax(area[::-1, columns], axis=0)
+    order = np.argsort(-lowest, kind="stable")
+    return [(int(lowest[k]), int(columns[k])) for k in order[[0, int(_HANGING * len(order))]]] if len(order) else []

@@ -14,18 +14,34 @@ SKY_GREY, GROUND_GREY = 180.0, 80.0
 Gray = NDArray[np.uint8]
 Marks = NDArray[np.uint16]
 LIMITS = SmoothLimits()
+NOTHING = np.full((HEIGHT, WIDTH), -1.0, np.float32)
 
 
-def eye(first: int, end: int, top: int, bottom: int, grey: float, shift: float, seed: int) -> Gray:
+def eye(
+    first: int,
+    end: int,
+    top: int,
+    bottom: int,
+    grey: float,
+    shift: float,
+    seed: int,
+    hanging: tuple[int, int, float] | None = None,
+    falls: float = 0.0,
+) -> Gray:
     """Sky and ground, with one thing without texture: columns first..end and rows top..bottom, `shift` farther to the left. The
-    brightness of all changes with height, as that of a sky."""
+    brightness of all changes with height, as that of a sky. hanging: columns and grey of what hangs 60 rows down from its lower edge;
+    falls: rows by which that edge falls for each column."""
     rng = np.random.default_rng(seed)
     image = np.full((HEIGHT, WIDTH), SKY_GREY)
     image[HORIZON:] = GROUND_GREY
     covered = np.clip(np.arange(WIDTH) - (first - shift) + 0.5, 0.0, 1.0) * np.clip(
         end - shift - np.arange(WIDTH) + 0.5, 0.0, 1.0
     )
-    image[top:bottom] += covered * (grey - image[top:bottom])
+    low = bottom + falls * (np.arange(WIDTH) - (first - shift))
+    inside = (np.arange(HEIGHT)[:, None] >= top) & (np.arange(HEIGHT)[:, None] < low)
+    image += inside * covered * (grey - image)
+    if hanging is not None:
+        image[bottom : bottom + 60, hanging[0] - int(shift) : hanging[1] - int(shift)] = hanging[2]
     image += 0.2 * (np.arange(HEIGHT)[:, None] - HORIZON)
     return np.asarray(np.clip(np.rint(image + rng.standard_normal(image.shape)), 0, 255), np.uint8)
 
@@ -38,12 +54,16 @@ def marks_of(
     limits: SmoothLimits = LIMITS,
 ) -> Marks:
     """The marks of an image with such a thing; matched: its upright outlines are."""
-    left, right = eye(*thing, grey, 0, 1), eye(*thing, grey, shift, 2)
-    disparity = np.full(left.shape, -1.0, np.float32)
+    disparity = np.full((HEIGHT, WIDTH), -1.0, np.float32)
     first, end, top, bottom = thing
     if matched:
         for at in (first, end):
             disparity[top:bottom, max(0, at - 2) : at + 2] = shift
+    return marked(eye(*thing, grey, 0, 1), eye(*thing, grey, shift, 2), disparity, limits)
+
+
+def marked(left: Gray, right: Gray, disparity: NDArray[np.float32] = NOTHING, limits: SmoothLimits = LIMITS) -> Marks:
+    """The marks of a pair of which nothing has a depth."""
     return mark_unmeasured(np.full(left.shape, UNKNOWN_MM, np.uint16), disparity, left, right, limits)
 
 
@@ -69,6 +89,28 @@ def test_a_nearer_slab_is_no_sky_either(shift: int, grey: float) -> None:
     marks = marks_of((200, WIDTH + 20, 0, HORIZON), grey, shift)
     assert sky_share(marks, 220, WIDTH - 20) == 0.0
     assert sky_share(marks, 20, 180) == 0.0
+
+
+@pytest.mark.parametrize("leaf", [(300, 306), (240, 260), (385, WIDTH + 20)])
+@pytest.mark.parametrize("leaf_grey", [130.0, 150.0])
+def test_what_hangs_below_a_slab_does_not_hide_it(leaf: tuple[int, int], leaf_grey: float) -> None:
+    """A leaf, a chain or a lamp of its brightness belongs to the area of the slab, which was compared by its lowest row."""
+    left, right = (
+        eye(200, WIDTH + 20, 0, HORIZON, 130.0, shift, seed, hanging=(*leaf, leaf_grey))
+        for shift, seed in ((0, 1), (NEAR_PX, 2))
+    )
+    marks = marked(left, right)
+    assert sky_share(marks, 220, WIDTH - 20) == 0.0
+    assert sky_share(marks, 20, 180) == 0.0
+
+
+@pytest.mark.parametrize("base_row", [HORIZON + 2, HORIZON + 10])
+def test_a_wall_whose_base_leads_to_the_horizon_leaves_the_sky(base_row: int) -> None:
+    """A long wall beside the way stands on the ground: near its far end its base lies at the horizon, as that of the sky."""
+    left, right = (
+        eye(200, WIDTH + 20, 0, base_row, 130.0, shift, seed, falls=0.6) for shift, seed in ((0, 1), (NEAR_PX, 2))
+    )
+    assert sky_share(marked(left, right), 20, 180) > 0.95
 
 
 @pytest.mark.parametrize("distance_m", [3.0, 8.0, 10.0])
