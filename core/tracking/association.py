@@ -130,17 +130,14 @@ def covers(d, track, gate):
     if height < 0.8 * (track.bottom_m - track.top_m) or is_much_taller(d, track):
         return False
     front = max(gate.least_m, min(_FRONT_M, d.margin_m))
-    x0, y0 = point_at(track, track.s0_m)
-    near0 = (y0 - d.ay_m) * d.tx - (x0 - d.ax_m) * d.ty
-    if near0 > front or near0 < -gate.most_m:
-        return False
-    x1, y1 = point_at(track, track.s1_m)
-    near1 = (y1 - d.ay_m) * d.tx - (x1 - d.ax_m) * d.ty
-    if near1 > front or near1 < -gate.most_m:
-        return False
-    q0 = (x0 - d.ax_m) * d.tx + (y0 - d.ay_m) * d.ty
-    q1 = (x1 - d.ax_m) * d.tx + (y1 - d.ay_m) * d.ty
-    low, high = min(q0, q1), max(q0, q1)
+    low, high = math.inf, -math.inf
+    for end in range(2):
+        x, y = point_at(track, track.s0_m if end == 0 else track.s1_m)
+        near = (y - d.ay_m) * d.tx - (x - d.ax_m) * d.ty
+        if near > front or near < -gate.most_m:
+            return False
+        at = (x - d.ax_m) * d.tx + (y - d.ay_m) * d.ty
+        low, high = min(low, at), max(high, at)
     over = min(high, d.length_m) - max(low, 0.0)
     length = track.s1_m - track.s0_m
     return over >= _COVERED_SHARE * max(high - low, 1e-3) and high - low >= 0.5 * length - _TOUCH_M

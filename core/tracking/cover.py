@@ -11,7 +11,6 @@ its whole height. No track is extended: what they leave uncovered makes the dete
 
 from __future__ import annotations
 
-import math
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -20,10 +19,9 @@ from ..jit import inner, kernel, of_type, record
 from .boxes import find_near, track_boxes
 from .line import EDGE_ON, facing, met_at, offset, point_at, seen_at, sideways
 from .publish import BEHIND_M
+from .representation import LOST_M
 from .tables import CUT_BOTTOM, CUT_LEFT, CUT_RIGHT, CUT_TOP, NONE, count_observation, observe_cells
 
-LOST_M = 0.02
-"""A track seen edge-on is too narrow for what lies farther beside it."""
 BEHIND_MAX_M, BEHIND_SHARE = 0.2, 0.5
 """A track may lie behind a detection by this share of the detection's margin, between BEHIND_M and this."""
 MOST_PARTS = 32
@@ -156,16 +154,9 @@ def within(t, d, low, high, gate_m, eye):
     for end in range(2):
         s = low if end == 0 else high
         x, y = d.ax_m + s * d.tx, d.ay_m + s * d.ty
-        if edge_on(t, x, y, eye) and sideways(t, x, y, offset(t, x, y), eye) > LOST_M:
+        if abs(facing(t, x, y, eye)) < EDGE_ON and sideways(t, x, y, offset(t, x, y), eye) > LOST_M:
             return 0.0, 0.0
     return low, high
-
-
-@inner
-def edge_on(t, x, y, eye):
-    """Whether the line of a track is seen edge-on at a point."""
-    dx, dy = x - eye[0], y - eye[1]
-    return abs(dy * t.tx - dx * t.ty) < EDGE_ON * math.sqrt(dx * dx + dy * dy)
 
 
 @inner

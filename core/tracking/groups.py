@@ -30,7 +30,7 @@ GROUP = record(
     *of_type(np.float64, "x_m y_m range_m nearest_m azimuth_rad first_rad last_rad face_first_rad face_last_rad"),
     *of_type(np.float64, "radial_sigma_m tangential_sigma_m size_m low_x_m high_x_m low_y_m high_y_m top_m bottom_m"),
     *of_type(np.float64, "area_m2"),
-    *of_type(np.int32, "plane_flags detections object"),
+    *of_type(np.int32, "plane_flags object"),
 )
 """A group of detections. x_m, y_m: the point of its face in the middle of the directions that it covers; range_m,
 azimuth_rad: of that point from the camera; nearest_m: range of the nearest plane of any height there; first_rad, last_rad:
@@ -113,7 +113,7 @@ def number_groups(detections, parents, groups):
 @inner
 def begin_group(g):
     """An empty group."""
-    g.x_m, g.y_m, g.area_m2, g.plane_flags, g.detections, g.object = 0.0, 0.0, 0.0, 0, 0, NONE
+    g.x_m, g.y_m, g.area_m2, g.plane_flags, g.object = 0.0, 0.0, 0.0, 0, NONE
     g.low_x_m, g.high_x_m, g.low_y_m, g.high_y_m = math.inf, -math.inf, math.inf, -math.inf
     g.top_m, g.bottom_m = math.inf, -math.inf
 
@@ -129,7 +129,6 @@ def add_detection(g, d):
     g.low_y_m, g.high_y_m = min(g.low_y_m, d.ay_m, d.by_m), max(g.high_y_m, d.ay_m, d.by_m)
     g.top_m, g.bottom_m = min(g.top_m, d.top_m), max(g.bottom_m, d.bottom_m)
     g.plane_flags |= d.plane_flags
-    g.detections += 1
 
 
 @inner
@@ -144,16 +143,10 @@ def end_box(g, x_m, y_m):
 
 
 @inner
-def turn_to(azimuth, x, y):
-    """Direction of (x, y) from an azimuth, -pi to pi."""
-    return turn_between(azimuth, math.atan2(y, x))
-
-
-@inner
 def widen(g, d, x_m, y_m):
     """Adds the directions that a detection covers."""
     ax, ay, bx, by = d.ax_m - x_m, d.ay_m - y_m, d.bx_m - x_m, d.by_m - y_m
-    a, b = turn_to(g.azimuth_rad, ax, ay), turn_to(g.azimuth_rad, bx, by)
+    a, b = turn_between(g.azimuth_rad, math.atan2(ay, ax)), turn_between(g.azimuth_rad, math.atan2(by, bx))
     g.first_rad, g.last_rad = min(g.first_rad, a, b), max(g.last_rad, a, b)
     x, y = ax + bx, ay + by
     if d.bottom_m - d.top_m >= _TALL_SHARE * (g.bottom_m - g.top_m) and abs(x * d.ty - y * d.tx) >= _FACING * math.sqrt(

@@ -34,15 +34,18 @@ def offset(track, x, y):
 
 
 @inner
+def facing(track, x, y, eye):
+    """Sine of the angle between the viewing ray of a point and the line; negative: it is seen from behind."""
+    dx, dy = x - eye[0], y - eye[1]
+    return (dx * track.ty - dy * track.tx) / max(1e-6, math.sqrt(dx * dx + dy * dy))
+
+
+@inner
 def sideways(track, x, y, off, eye):
     """Part of a point's offset from the line that is perpendicular to its viewing ray, m: so far from the point the line is
     seen."""
-    dx, dy = x - eye[0], y - eye[1]
-    r = math.sqrt(dx * dx + dy * dy)
-    if r < 1e-6:
-        return abs(off)
-    facing = (dy * track.tx - dx * track.ty) / r
-    return abs(off) * math.sqrt(max(0.0, 1.0 - facing * facing))
+    sine = facing(track, x, y, eye)
+    return abs(off) * math.sqrt(max(0.0, 1.0 - sine * sine))
 
 
 @inner
@@ -106,13 +109,6 @@ def correct_by_ends(track, ax, ay, variance_a, bx, by, variance_b):
         track.p01 -= k0 * h1
         track.p11 -= k1 * h1
     shift_line(track, delta, slope)
-
-
-@inner
-def facing(track, x, y, eye):
-    """Sine of the angle between the viewing ray of a point and the line; negative: it is seen from behind."""
-    dx, dy = x - eye[0], y - eye[1]
-    return (dx * track.ty - dy * track.tx) / max(1e-6, math.sqrt(dx * dx + dy * dy))
 
 
 @inner

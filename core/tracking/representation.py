@@ -7,9 +7,11 @@ import math
 from ..jit import inner
 from .association import GATE_MAX_M, SIDEWAYS_M, STEADY_HITS
 from .line import along, offset, point_at, seen_at, shift_line, sideways, update_line
+from .observed import turn_between
 
-_LOST_M = 0.02
-"""What a track may leave uncovered of a detection, at each end."""
+LOST_M = 0.02
+"""What a track may leave uncovered of a detection, at each end. A track seen edge-on is too narrow for what lies farther
+beside it."""
 _SAME_COS = 0.98
 """A steady track keeps its line where a detection has its direction."""
 _WITHIN = 0.95
@@ -37,13 +39,13 @@ def represents(t, d, eye):
     """Whether a track hides what a detection hides from the camera, so that nothing of a frame is lost."""
     if t.hits == 0 or not lies_on(t, d, eye):
         return False
-    if d.top_m < t.top_m - _LOST_M or d.bottom_m > t.bottom_m + _LOST_M:
+    if d.top_m < t.top_m - LOST_M or d.bottom_m > t.bottom_m + LOST_M:
         return False
     sa, sb = seen_at(t, d.ax_m, d.ay_m, eye), seen_at(t, d.bx_m, d.by_m, eye)
-    if min(sa, sb) < t.frame_s0_m - _LOST_M or max(sa, sb) > t.frame_s1_m + _LOST_M:
+    if min(sa, sb) < t.frame_s0_m - LOST_M or max(sa, sb) > t.frame_s1_m + LOST_M:
         return False
     # seen edge-on, a track is too narrow for what lies beside it
-    if beside(t, d, eye) <= _LOST_M:
+    if beside(t, d, eye) <= LOST_M:
         return True
     s0, s1 = t.frame_s0_m, t.frame_s1_m  # cells beyond may be removed
     x0, y0 = point_at(t, s0)
@@ -55,8 +57,7 @@ def represents(t, d, eye):
 @inner
 def width_of(ax, ay, bx, by, eye):
     """Angle between two places, seen from the camera, rad."""
-    turn = math.atan2(by - eye[1], bx - eye[0]) - math.atan2(ay - eye[1], ax - eye[0])
-    return abs(turn - math.tau * math.floor(turn / math.tau + 0.5))
+    return abs(turn_between(math.atan2(ay - eye[1], ax - eye[0]), math.atan2(by - eye[1], bx - eye[0])))
 
 
 @inner
