@@ -187,9 +187,9 @@ def test_random_flights_with_faults(seed: int) -> None:
             middles = 0.5 * (detected[:, 0:2] + detected[:, 2:4])
             assert nearest(middles, planes).max() < REACH_M, (k, event)
         found = nearest(places, detected) < 0.12
+        hits[lost_s > 1.0] = 0.0  # ids change without a position, also where this frame finds the place again
         hits[found] += 1.0 if flight.positioned else 0.0
         unseen_s[found], lost_s[found] = 0.0, 0.0
-        hits[lost_s > 1.0] = 0.0  # ids change without a position
         kept = (hits >= STEADY) & (unseen_s < MEMORY_S) & (lost_s < LOST_MEMORY_S)
         reach = REACH_M + (0.0 if flight.positioned else 0.6) + SMALL.speed_error_m_s * lost_s
         missing = kept & (nearest(places, planes) > reach)
