@@ -61,8 +61,6 @@ def _unknown(path: tuple[Any, ...], where: str) -> str:
     at_top = len(path) == 1
     known = list(SECTIONS) if at_top else [f.name for f in fields_of(section)]
     experts = [f.name for f in expert_fields()] if section == "extractor" else []
-    if key in experts:
-        return f"{where}: it is given below [expert] as well; keep that line only"
     if section == "autopilot" and key in PARTS_OF_ADDRESS:
         return (
             f"{where}: no such key; it is a part of address, such as serial:/dev/ttyAMA0:921600 or udpin:0.0.0.0:14540"

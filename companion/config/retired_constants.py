@@ -1,12 +1,11 @@
-"""Keys of earlier versions that are constants now, each with its value. Configurations and logs may hold
-them for one release."""
+"""Keys of 0.1.0 that are constants now, each with its value. Configurations and logs may hold them for one release."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from typing import Final
 
-CONSTANTS: Final[Mapping[str, float]] = {
+_EXPERT: Final[Mapping[str, float]] = {
     "noise_memory": 0.7,
     "noise_short_step_px": 8,
     "noise_step_px": 16,
@@ -97,7 +96,6 @@ CONSTANTS: Final[Mapping[str, float]] = {
     "opening_behind_m": 0.5,
     "profile_least_m": 0.1,
 }
-"""Key of [extractor] or [expert] -> value."""
 
 _TRACKING: Final[Mapping[str, float]] = {
     "gate_sigmas": 2.0,
@@ -131,13 +129,6 @@ _WORLD: Final[Mapping[str, float]] = {
     "free_evidence_sigmas": 3.0,
     "free_evidence_share": 0.5,
     "free_evidence_step_m": 0.25,
-    "clear_after": 5,
-    "clear_trust": 15,
-    "clear_hit": 2,
-    "clear_behind_m": 0.5,
-    "clear_sigmas": 3.0,
-    "clear_share": 0.5,
-    "clear_step_m": 0.25,
     "jump_gap_s": 5.0,
     "restart_s": 1.0,
 }
@@ -152,8 +143,7 @@ CONSTANTS_OF: Final[Mapping[str, Mapping[str, float]]] = {
         "raise_after_s": 3.0,
     },
     "service": {"blind_hz": 12.5},
-    "extractor": CONSTANTS,
-    "expert": CONSTANTS,
+    "expert": _EXPERT,
     "tracking": _TRACKING,
     "world": _WORLD,
 }

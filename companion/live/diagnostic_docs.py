@@ -15,7 +15,7 @@ from osape_client.proto import osape_v1_pb2 as pb
 from ..diagnostic import DiagnosticCode as D
 from ..pipeline.sync import DropCause
 from ..self_check.exposure_offset import STATE_TEXTS
-from .prometheus import OLD_NAMES, families
+from .prometheus import families
 
 REMEDIES: Final[Mapping[str, Mapping[D, str]]] = {
     "Service": {
@@ -213,9 +213,8 @@ def _metrics() -> str:
     rows = []
     for name, _kind, meaning, samples in families(_full_report()):
         labels = ", ".join(f"`{label}`" for label in samples[0][0])
-        former = f"`{OLD_NAMES[name]}`" if name in OLD_NAMES else ""
-        rows.append((f"`{name}`", labels, meaning, former))
-    return _table(("metric (prefix `osape_`)", "labels", "meaning", "former name"), rows)
+        rows.append((f"`{name}`", labels, meaning))
+    return _table(("metric (prefix `osape_`)", "labels", "meaning"), rows)
 
 
 def _full_report() -> pb.Health:

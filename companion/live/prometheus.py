@@ -11,14 +11,6 @@ from ..cameras.status import CameraCondition
 from .health import STATES
 
 NS = 1_000_000_000
-OLD_NAMES = {
-    "diagnostics": "troubles",
-    "camera_superseded_total": "camera_overtaken_total",
-    "autopilot_link_open": "autopilot_line_open",
-    "autopilot_connected": "autopilot_heard",
-    "autopilot_anomalies_total": "autopilot_oddities_total",
-}
-"""Present names of renamed metrics and their names before 0.1.0, which are published beside them for one release."""
 
 Sample = tuple[dict[str, str], float]
 
@@ -28,19 +20,9 @@ def metrics_text(report: pb.Health) -> str:
     lines: list[str] = []
     for name, kind, meaning, samples in families(report):
         if samples:
-            lines += _family_lines(name, kind, meaning, samples)
-            if name in OLD_NAMES:
-                old = OLD_NAMES[name]
-                lines += _family_lines(old, kind, f"Deprecated: use osape_{name}", samples)
+            lines += [f"# HELP osape_{name} {meaning}", f"# TYPE osape_{name} {kind}"]
+            lines += [f"osape_{name}{_labels(labels)} {value:.10g}" for labels, value in samples]
     return "\n".join(lines) + "\n"
-
-
-def _family_lines(name: str, kind: str, meaning: str, samples: list[Sample]) -> list[str]:
-    return [
-        f"# HELP osape_{name} {meaning}",
-        f"# TYPE osape_{name} {kind}",
-        *(f"osape_{name}{_labels(labels)} {value:.10g}" for labels, value in samples),
-    ]
 
 
 def families(h: pb.Health) -> Iterator[tuple[str, str, str, list[Sample]]]:

@@ -172,9 +172,11 @@ def test_json_holds_every_difference_with_its_mark(tmp_path: Path, capsys: pytes
     }  # fmt: skip
 
 
-def test_paper_mode_is_refused_by_every_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    path = tmp_path / "paper.toml"
-    path.write_text('[extractor]\nmode = "paper"\n')
+def test_a_changed_value_of_a_retired_key_is_refused_by_every_command(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "old.toml"
+    path.write_text("[expert]\nnoise_hold = 0.5\n")
     errors = []
     for arguments in (["check-config", str(path)], ["doctor", "-c", str(path)]):
         assert main(arguments) == 1
@@ -189,7 +191,7 @@ def test_paper_mode_is_refused_by_every_command(tmp_path: Path, capsys: pytest.C
     errors.append(str(refused.value))
     for error in errors:
         assert str(path) in error
-        assert '[extractor] mode = "paper" is not available any more' in error
+        assert "[expert] noise_hold = 0.5 is not available any more" in error
         assert "Remove the line" in error
 
 

@@ -17,7 +17,6 @@ from hypothesis import strategies as st
 from companion.config.camera import CameraConfig
 from companion.config.docs import tables, with_tables
 from companion.config.loader import Config, ConfigError, config_from_text, config_of, config_text, load_config
-from companion.config.retired import RENAMED, without_retired
 from companion.config.retired_constants import CONSTANTS_OF
 from companion.config.sections import SECTIONS, fields_of
 from companion.config.sync import SyncParams
@@ -267,25 +266,6 @@ def test_the_documented_tables_are_up_to_date() -> None:
     assert "min_obstacle_height_m" in tables()
 
 
-def test_a_retired_key_is_accepted_with_a_warning(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
-    path = tmp_path / "old.toml"
-    path.write_text(
-        "[service]\nidle_latency_us = 0\nsecond_thread_from_hz = 25.0\nhang_s = 20.0\n[extractor]\nmode = 'safe'\n"
-    )
-    config = load_config(path)
-    assert config.service.hang_s == 20.0
-    assert [record.levelname for record in caplog.records] == ["WARNING"] * 3
-    assert f"{path}: [service] idle_latency_us is retired" in caplog.text
-
-
-def test_a_log_with_a_retired_key_can_still_be_replayed(caplog: pytest.LogCaptureFixture) -> None:
-    content = json.loads(config_text(Config()))
-    content["service"]["idle_latency_us"] = 33
-    content["extractor"]["mode"] = "safe"
-    assert config_from_text(json.dumps(content)) == Config()
-    assert not caplog.records
-
-
 @pytest.mark.parametrize("section", CONSTANTS_OF)
 def test_a_key_that_became_a_constant_is_accepted_with_its_value_only(
     section: str, tmp_path: Path, caplog: pytest.LogCaptureFixture
@@ -317,41 +297,8 @@ def test_expert_keys_fill_the_same_parameters() -> None:
     assert config_from_text(config_text(config)) == config
 
 
-@pytest.mark.parametrize(("old", "new"), RENAMED.items(), ids=lambda place: ".".join(place))
-def test_each_renamed_key_sets_the_key_of_today(old: tuple[str, str], new: tuple[str, str]) -> None:
-    f = next(f for f in fields_of(new[0]) if f.name == new[1])
-    other = f.metadata["choices"][-1] if "choices" in f.metadata else f.metadata.get("max", f.default is False)
-    content = {old[0]: {old[1]: other}}
-    current, warnings = without_retired(content)
-    assert current[new[0]] == {new[1]: other}
-    assert old[1] not in current.get(old[0], {}) or old == new
-    (warning,) = warnings
-    assert f"[{old[0]}] {old[1]} is now [{new[0]}] {new[1]}" in warning
-    assert content == {old[0]: {old[1]: other}}  # the caller's tables are unchanged
-
-
-def test_an_old_key_beside_the_new_one_is_refused(tmp_path: Path) -> None:
-    path = tmp_path / "both.toml"
-    path.write_text(
-        "[extractor]\nlink_gap_px = 5\n[expert]\nlink_gap_px = 6\n[service]\nstale_s = 0.2\ntimeout_s = 0.3\n"
-    )
-    with pytest.raises(ConfigError) as caught:
-        load_config(path)
-    first, second = caught.value.problems
-    assert first == "[extractor] link_gap_px: it is given below [expert] as well; keep that line only"
-    assert "[service] stale_s: no such key" in second
-
-
 def test_a_misspelled_expert_key_is_recognised_under_extractor() -> None:
     (problem,) = problems({"extractor": {"link_gap_pixel": 5}})
     assert problem == "[extractor] link_gap_pixel: no such key; did you mean link_gap_px below [expert]?"
-
-
-def test_a_log_of_an_earlier_version_gives_the_same_configuration() -> None:
-    """Before [expert] all parameters were under [extractor]."""
-    config = Config(extractor=Params(link_gap_px=5, passable_width_m=1.0))
-    content = json.loads(config_text(config))
-    content["extractor"] |= content.pop("expert")
-    content["service"]["stale_s"] = content["service"].pop("timeout_s")
-    content["world"] |= {"level_memory_s": 2.0}
-    assert config_from_text(json.dumps(content)) == config
+    (problem,) = problems({"extractor": {"link_gap_px": 5}})
+    assert problem == "[extractor] link_gap_px: belongs under [expert]"

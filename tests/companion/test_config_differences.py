@@ -64,9 +64,9 @@ def test_the_log_holds_the_changed_safety_keys() -> None:
     assert run_info("live").config_json == ""
 
 
-def test_a_log_recorded_in_paper_mode_is_refused_with_a_message() -> None:
+def test_a_log_recorded_with_another_value_of_a_constant_is_refused_with_a_message() -> None:
     with pytest.raises(ConfigError, match="by the version that recorded it"):
-        config_from_text(json.dumps({"extractor": {"mode": "paper"}}))
+        config_from_text(json.dumps({"expert": {"noise_hold": 0.5}}))
 
 
 def test_deeply_nested_json_in_a_log_is_refused_with_a_message() -> None:

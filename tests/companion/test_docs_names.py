@@ -15,7 +15,7 @@ import pytest
 
 from companion.cli import parser_of
 from companion.command_list import COMMANDS
-from companion.config.retired import RETIRED
+from companion.config.retired_constants import CONSTANTS_OF
 from companion.config.sections import SECTIONS, fields_of
 from core.extractor import Extractor
 
@@ -23,7 +23,7 @@ from ..conftest import CHECKOUT
 from ..test_docs_links import USER_PAGES, lines_of, name_of
 
 KEYS = {section: {f.name for f in fields_of(section)} for section in SECTIONS}
-KEYS |= {section: KEYS[section] | {key for where, key in RETIRED if where == section} for section in KEYS}
+KEYS |= {section: KEYS[section] | set(constants) for section, constants in CONSTANTS_OF.items()}
 
 
 def unknown_keys(text: str) -> list[str]:
@@ -38,7 +38,7 @@ def test_each_named_key_exists(page: Path) -> None:
 
 
 def test_a_wrong_key_is_found() -> None:
-    assert unknown_keys("set `[avoid] send = true`, `[[camera]]` `device`, `[record] drawings`") == []
+    assert unknown_keys("set `[avoid] send = true`, `[[camera]]` `device`, `[record] depth_hz`") == []
     assert unknown_keys("`[avoid] sends = true`, `[guard]` `none`") == ["[avoid] sends", "[guard] none"]
 
 

@@ -166,7 +166,7 @@ handler.close()
 
 def test_the_service_goes_on_while_its_output_is_not_read(tmp_path: Path, renders: Path) -> None:
     live = Live(
-        tmp_path, CONFIG + "[extractor]\npaper_roll_deg = 5.0\n", renders
+        tmp_path, CONFIG + "[expert]\nnoise_hold = 0.75\n", renders
     )  # a line before the start, as it is retired
     with (
         unread_output(tmp_path) as before,

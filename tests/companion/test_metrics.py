@@ -14,7 +14,7 @@ import pytest
 from companion.config.loader import config_of
 from companion.live import metrics_server
 from companion.live.metrics_server import LOOPBACK, MAX_REPORT_AGE_NS, MetricsServer
-from companion.live.prometheus import OLD_NAMES, metrics_text
+from companion.live.prometheus import metrics_text
 from companion.live.service import Service
 from companion.paths import Folders
 from osape_client.proto import osape_v1_pb2 as pb
@@ -96,20 +96,8 @@ def test_what_is_unknown_has_no_sample() -> None:
     silent_link.autopilot.line_open = True
     assert {n for n in samples(metrics_text(silent_link)) if "autopilot" in n or "clock" in n} == {
         "osape_autopilot_link_open",
-        "osape_autopilot_line_open",
         "osape_autopilot_connected",
-        "osape_autopilot_heard",
     }
-
-
-def test_renamed_metrics_keep_their_old_names_for_one_release() -> None:
-    h = report()
-    h.autopilot.counts["unknown_message"] = 2
-    found = samples(metrics_text(h))
-    for new, old in OLD_NAMES.items():
-        values = {n.replace(new, old, 1): v for n, v in found.items() if n.startswith(f"osape_{new}")}
-        assert values, new
-        assert {n: found.get(n) for n in values} == values
 
 
 def test_any_name_can_be_read() -> None:
