@@ -37,11 +37,9 @@ def running_service(config: Config, patience_s: float) -> list[Finding] | None:
 
 
 def _service_findings(health: pb.Health) -> list[Finding]:
-    if not health.diagnostics and not health.troubles:
+    if not health.diagnostics:
         return [Finding("service", True, "running: OK (details: `companion status`)")]
-    if health.diagnostics:
-        return [Finding("service", False, f"{d.code}: {d.text}", d.code) for d in health.diagnostics]
-    return [Finding("service", False, text) for text in health.troubles]  # an older service
+    return [Finding("service", False, f"{d.code}: {d.text}", d.code) for d in health.diagnostics]
 
 
 def _load_findings(health: pb.Health) -> list[Finding]:

@@ -41,8 +41,7 @@ def _range_text(message: pb.CameraInfo) -> str:
 def status_lines(h: pb.Health) -> list[str]:
     """The report as text for people."""
     lines = [f"{STATES.get(h.state, 'unknown').upper()}, service running for {_span(h.uptime_ns)}"]
-    diagnostics = [f"{d.code}: {d.text}" for d in h.diagnostics] or list(h.troubles)  # older services send texts only
-    lines += [f"  ! {line}" for line in diagnostics] or ["  OK"]
+    lines += [f"  ! {d.code}: {d.text}" for d in h.diagnostics] or ["  OK"]
     if load := load_text(h):
         lines.append(f"  {load}")
     lines += [f"  safety key changed: {key}" for key in h.changed_safety_keys]
