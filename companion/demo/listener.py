@@ -5,7 +5,6 @@ It reads each message as a planner would and prints one JSON object when it is e
 from __future__ import annotations
 
 import json
-import signal
 import sys
 import time
 from dataclasses import asdict, dataclass, field
@@ -18,6 +17,7 @@ from osape_client.decode import cause_code
 from osape_client.proto import osape_v1_pb2 as pb
 
 from ..diagnostic import without_digits
+from ..stop_signal import stop_event
 
 POLL_MS = 100
 
@@ -46,15 +46,13 @@ class ReceiveStats:
 
 def listen(address: str) -> ReceiveStats:
     """Counts messages until SIGTERM or SIGINT."""
-    stop: list[int] = []
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda n, _: stop.append(n))
+    stop = stop_event()
     received, ages_ms = ReceiveStats(), []
     context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
     socket = context.socket(zmq.SUB)
     socket.setsockopt(zmq.SUBSCRIBE, b"")
     connect(socket, address, None)
-    while not stop:
+    while not stop.is_set():
         if not socket.poll(POLL_MS):
             continue
         data = socket.recv()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from drivers.simulation.firmware_models.ardupilot_guided import GuidedParams, approach
+from .ardupilot_guided import GuidedParams, approach
 
 RARE_S, OFTEN_S = 0.5, 0.1
 
