@@ -16,6 +16,7 @@ from typing import Any, Final
 from drivers.base import BadData, DeviceNotFound
 
 from ..log.log_file import ACTIVE
+from ..whole_file import write_whole
 from .flights import Flight
 from .parquet_table import arrow_module
 from .schema import SCHEMA_VERSION, TABLES
@@ -62,7 +63,7 @@ def begin_run(output: str, run: dict[str, Any]) -> None:
     text = json.dumps({"schema_version": SCHEMA_VERSION, **run}, indent=1, sort_keys=True)
     before = _read_text(f"{output}/{RUN_FILE}")
     if before is None:
-        _write_text(output, RUN_FILE, text)
+        _write_run(output, text)
     elif before != text:
         was, now = _run_of_text(before, f"{output}/{RUN_FILE}"), json.loads(text)
         changed = [
@@ -107,16 +108,14 @@ def _read_text(location: str) -> str | None:
         return None
 
 
-def _write_text(output: str, name: str, text: str) -> None:
+def _write_run(output: str, text: str) -> None:
     if is_url(output):
-        system, path = file_system(f"{output}/{name}")
+        system, path = file_system(f"{output}/{RUN_FILE}")
         with reaching(output):
             system.pipe_file(path, text.encode())
         return
     Path(output).mkdir(parents=True, exist_ok=True)
-    part = Path(output) / f".{name}"
-    part.write_text(text, encoding="utf-8")
-    publish(part, f"{output}/{name}")
+    write_whole(Path(output) / RUN_FILE, text)
 
 
 def open_table(output: str, table: str) -> Any:

@@ -130,7 +130,7 @@ def run(args: argparse.Namespace) -> int:
     """0: everything was converted; 1: a part or everything is missing; the readable part is kept. Raises UsageError."""
     _refuse_unused(args)
     config = load_config(args.config) if args.config is not None else Config()
-    done = import_recording(args.source, args.output, _options(args, config), config, args.replace)
+    done = import_recording(args.source, args.output, _options(args, config), config, replace=args.replace)
     if args.json:
         print_json(_json(done))
     else:

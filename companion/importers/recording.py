@@ -52,9 +52,7 @@ class Imported:
     problems: tuple[str, ...]
 
 
-def import_recording(
-    path: Path, output: Path, options: ImportOptions, config: Config | None = None, replace: bool = False
-) -> Imported:
+def import_recording(path: Path, output: Path, options: ImportOptions, config: Config, *, replace: bool) -> Imported:
     """Writes the recording as a log; replace: also where it exists. Raises DriverError when no frame can be used, OSError and
     ValueError when the log cannot be written: what was at its place is then unchanged. Problems with parts are in the result.
     """
@@ -67,7 +65,7 @@ def import_recording(
         raise _with_problems(str(error), report) from error
     counted = _Counted(source)
     try:
-        write_recording(counted, output, run_info("import", config or Config()))
+        write_recording(counted, output, run_info("import", config))
     except BadData as error:
         report.problem("recording", str(error))
     except KeyboardInterrupt as interrupt:

@@ -113,21 +113,19 @@ def read_tlog(path: Path) -> Tlog:
         end = _record_end(data, at)
         if end is not None and end <= len(data):
             message = _decode(decoder, data[at + 8 : end])
-            if message is not None and not message.get_type().startswith("UNKNOWN_"):
+            is_known = message is not None and not message.get_type().startswith("UNKNOWN_")
+            if is_known:
                 messages += 1
                 if message.get_srcComponent() == MAV_COMP_ID_AUTOPILOT1 and message.get_type() in _KEPT:
                     stamp = int(struct.unpack_from(">Q", data, at)[0])
                     records.append(TlogRecord(stamp, message.get_srcSystem(), message))
-                at = end
-                continue
-            if _starts_record(
-                data, end
-            ):  # of an unknown message no checksum can be computed: only its framing is known
+            # the checksum of an unknown message cannot be computed: what follows it shows that it is one
+            if is_known or _starts_record(data, end):
                 bad += message is None
                 at = end
                 continue
-        if (end is None and len(data) - at < 11) or (end is not None and end > len(data) and not _more(data, at + 1)):
-            truncated = True
+        truncated = len(data) - at < 11 if end is None else end > len(data) and not _more(data, at + 1)
+        if truncated:
             break
         step = _next_start(data, at + 1)
         skipped += step - at

@@ -51,11 +51,6 @@ class FrameStore:
         """Whether frame i was put."""
         return bool(self._marks[i])
 
-    @property
-    def held(self) -> int:
-        """How many were put."""
-        return int(np.count_nonzero(self._marks))
-
     def get(self, i: int) -> DepthMm | None:
         """Frame i, read-only; None: it was put as None. Raises KeyError for one that was never put."""
         if not self._marks[i]:
