@@ -25,10 +25,8 @@ _REPORT: Final = "report.json"
 _SUMMED: Final = ("frames", "only_a", "only_b", "changed", "newly_blind", "newly_valid", "missed", "phantom")
 
 
-def compare_datasets(
-    location_a: str, location_b: str, folder: Path, pictures: bool = True
-) -> tuple[DatasetDifference, dict[str, Any]]:
-    """Compares, and writes the report, tables and pictures into a folder; returns both. Raises DeviceNotFound for a folder
+def compare_datasets(location_a: str, location_b: str, folder: Path, pictures: bool) -> dict[str, Any]:
+    """Compares, and writes the report, tables and pictures into a folder; returns the report. Raises DeviceNotFound for a folder
     without a dataset, ValueError where the datasets have no flight in common."""
     a, b = Dataset(location_a), Dataset(location_b)
     names = sorted(a.names & b.names)
@@ -50,7 +48,7 @@ def compare_datasets(
         _draw(folder, a, b, found.flights, shown)
     report = summary(found)
     write_whole(folder / _REPORT, json.dumps(report, indent=2, allow_nan=False) + "\n")
-    return found, report
+    return report
 
 
 def summary(found: DatasetDifference) -> dict[str, Any]:
@@ -122,7 +120,7 @@ def run_comparison(location_a: str, location_b: str, folder: Path, pictures: boo
     """0: compared, also where results differ. Raises DeviceNotFound without matplotlib, before it reads the datasets."""
     if pictures:
         drawing_library(", or give --no-pictures")
-    _, report = compare_datasets(location_a, location_b, folder, pictures)
+    report = compare_datasets(location_a, location_b, folder, pictures)
     if as_json:
         print_json(report)
         return 0

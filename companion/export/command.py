@@ -28,9 +28,7 @@ from .tables import COLUMNS, Table, Tables, read_tables
 FORMATS: Final = ("csv", "npz", "parquet", "gltf")
 
 
-def export(
-    path: Path, out: Path, kind: str, frame: int | None = None, replace: bool = False
-) -> tuple[list[Path], int, str]:
+def export(path: Path, out: Path, kind: str, frame: int | None, *, replace: bool) -> tuple[list[Path], int, str]:
     """(written files, frames, damage of the log). frame: for glTF, the sequence of the frame; None: that with most planes.
     replace: existing files.
 
@@ -191,7 +189,7 @@ def run(args: argparse.Namespace) -> int:
     """0: success; 1: the log could not be read to its end. Raises UsageError."""
     if args.frame is not None and args.format != "gltf":
         raise UsageError(f"--frame needs -f gltf: {args.format} contains all frames")
-    files, frames, damage = export(args.input, args.output, args.format, args.frame, args.replace)
+    files, frames, damage = export(args.input, args.output, args.format, args.frame, replace=args.replace)
     if args.json:
         print_json({"frames": frames, "files": [str(f) for f in files], "damage": damage or None})
     else:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass, field
+from itertools import pairwise
 from pathlib import Path
 from statistics import median
 from typing import Final
@@ -39,7 +40,7 @@ class TopicInfo:
     @property
     def intervals_ns(self) -> list[int]:
         """Intervals between records."""
-        return [b - a for a, b in zip(self.times_ns, self.times_ns[1:], strict=False)]
+        return [b - a for a, b in pairwise(self.times_ns)]
 
     @property
     def rate_hz(self) -> float | None:

@@ -203,10 +203,10 @@ def schema_bytes(kind: type[Message]) -> bytes:
     return wire_bytes(collection)
 
 
-def write_recording(source: EventSource, path: Path | str, run: pb.RunInfo) -> int:
-    """Writes the events of a source into a log without prisms; returns the number of frames. Without one nothing is written.
+def write_recording(source: EventSource, path: Path | str, run: pb.RunInfo) -> None:
+    """Writes the events of a source into a log without prisms. Without a frame nothing is written.
     When the source raises BadData, the log is finished with the events delivered before, and the error is raised."""
-    begun, frames = False, 0
+    begun = has_frames = False
     with LogWriter(path) as log:
         try:
             for event in source.events():
@@ -214,10 +214,9 @@ def write_recording(source: EventSource, path: Path | str, run: pb.RunInfo) -> i
                     begun = True
                     log.begin(run, source.cameras, t_ns=event.t_arrival_ns)
                 log.event(event)
-                frames += isinstance(event, DepthFrame)
+                has_frames |= isinstance(event, DepthFrame)
         finally:
-            if not frames:
+            if not has_frames:
                 log.discard()
             elif isinstance(sys.exception(), BadData):
                 log.finish()
-    return frames

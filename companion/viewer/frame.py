@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +13,9 @@ from numpy.typing import NDArray
 from core.frames import Rotation, euler_from_rotation, level_from_level_cam, rotation_frd_optical
 from core.frames import rotation_level_cam_optical as level_cam_optical
 from core.types import CameraInfo, FrameModel, readonly
+
+SPREAD: Final = 5
+"""Number of drawn frames that are spread evenly over a log."""
 
 
 class FrameStatus(StrEnum):
@@ -118,15 +121,15 @@ def describe_model(model: FrameModel | None) -> str:
     )
 
 
-def select_frames(counts: list[int], blind: list[bool], *, spread: int = 5) -> list[int]:
-    """Indices of the frames to draw: `spread` frames evenly over the log, the one with most planes and the first blind
+def select_frames(counts: list[int], blind: list[bool]) -> list[int]:
+    """Indices of the frames to draw: SPREAD frames evenly over the log, the one with most planes and the first blind
     one.
 
     counts: number of planes per frame; blind: whether each frame is blind. Sorted and unique; empty without frames."""
     n = len(counts)
     if n == 0:
         return []
-    chosen = {round(k * (n - 1) / max(1, spread - 1)) for k in range(spread)}
+    chosen = {round(k * (n - 1) / (SPREAD - 1)) for k in range(SPREAD)}
     chosen.add(max(range(n), key=lambda k: counts[k]))
     chosen.update([blind.index(True)] if True in blind else [])
     return sorted(chosen)

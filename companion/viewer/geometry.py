@@ -27,16 +27,16 @@ def plane_corners_m(planes: NDArray[np.float32]) -> Floats:
     )
 
 
-def clip_near(polygon: Floats, near_m: float = NEAR_M) -> Floats:
-    """(M, 3) part of a polygon (K, 3), optical frame, with Z >= near_m; M = 0 when nothing is left.
+def clip_near(polygon: Floats) -> Floats:
+    """(M, 3) part of a polygon (K, 3), optical frame, with Z >= NEAR_M; M = 0 when nothing is left.
 
     Sutherland-Hodgman against the one plane that a perspective division needs."""
     kept: list[Floats] = []
     for p, q in zip(polygon, np.roll(polygon, -1, axis=0), strict=True):
-        if p[2] >= near_m:
+        if p[2] >= NEAR_M:
             kept.append(p)
-        if (p[2] >= near_m) != (q[2] >= near_m):
-            kept.append(p + (q - p) * ((near_m - p[2]) / (q[2] - p[2])))
+        if (p[2] >= NEAR_M) != (q[2] >= NEAR_M):
+            kept.append(p + (q - p) * ((NEAR_M - p[2]) / (q[2] - p[2])))
     return np.array(kept) if kept else np.zeros((0, 3))
 
 

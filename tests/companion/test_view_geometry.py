@@ -58,13 +58,13 @@ def test_corners_are_a_top_b_top_b_bottom_a_bottom() -> None:
 
 def test_what_lies_behind_the_camera_is_cut_off_before_the_division() -> None:
     square = np.array([[0, 0, -1], [0, 0, 3], [1, 0, 3], [1, 0, -1]], float)
-    clipped = clip_near(square, 0.5)
+    clipped = clip_near(square)
     assert len(clipped) == 4
-    assert clipped[:, 2].min() == pytest.approx(0.5)
+    assert clipped[:, 2].min() == pytest.approx(0.05)
     assert clipped[:, 2].max() == 3
-    assert len(clip_near(square - np.array([0, 0, 5]), 0.5)) == 0
+    assert len(clip_near(square - np.array([0, 0, 5]))) == 0
     ahead = square - np.array([0, 0, -5])
-    np.testing.assert_array_equal(clip_near(ahead, 0.5), ahead)
+    np.testing.assert_array_equal(clip_near(ahead), ahead)
 
 
 @given(coordinates, coordinates, coordinates, coordinates)
@@ -152,7 +152,7 @@ def test_pictures_spread_over_the_log_with_the_fullest_and_the_first_blind_frame
     counts = [0] * 100
     counts[33] = 9
     blind_frames = [k in (61, 62) for k in range(100)]
-    assert select_frames(counts, blind_frames, spread=3) == [0, 33, 50, 61, 99]
+    assert select_frames(counts, blind_frames) == [0, 25, 33, 50, 61, 74, 99]
     assert select_frames([1, 1], [False, False]) == [0, 1]
     assert select_frames([5], [True]) == [0]
     assert select_frames([], []) == []
