@@ -75,13 +75,13 @@ def _run_rare_kernels(depth: np.ndarray[tuple[int, int], np.dtype[np.uint16]], i
 
 
 def _run_world_kernels() -> None:
-    """Runs the merged world on two small frames, and on its own planes as saved ones."""
+    """Runs the merged world on three small frames, of which one comes late, and on its own planes as saved ones."""
     from core.world.params import WorldParams
     from core.world.world import Observation, World
 
     model = _model()
     world = World(WorldParams(most_planes=1024, most_free_blocks=64))
-    for k in range(2):
+    for k in (0, 2, 1):
         world.add(Observation(model=model, place_m=(0.01 * k, 0.0, 0.0), t_ns=k))
     world.load(world.saved())
 

@@ -154,8 +154,9 @@ class WorldThread:
                 continue
             if observation is not None:
                 self.world.add(observation)
-                if result.valid:  # an invalid frame shows nothing: it must not make the world look recent
-                    self._newest_ns = observation.t_ns
+                # the newest frame that is in the world: one that is invalid or left out does not make it recent
+                if result.valid and self.world.section is not None:
+                    self._newest_ns = self.world.section.newest_ns
 
     def _publish_changes(self, now_ns: int) -> None:
         """Publishes the next message of the stream."""

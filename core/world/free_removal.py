@@ -90,7 +90,7 @@ def arrived_in_free(free, observations):
     return out
 
 
-@inner
+@kernel
 def remove_free(free, observations, arrived, x, y):
     """Clears the free cells where the observations of a frame are, and those behind the ones that have arrived.
 

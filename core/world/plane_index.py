@@ -181,7 +181,7 @@ def seen_again(tables, i, t_ns):
     """Records an observation of slot i and moves it to the newest end of the LRU list."""
     lru_remove(tables, i)
     lru_insert(tables, i)
-    tables.planes[i].seen_ns = t_ns
+    tables.planes[i].seen_ns = max(tables.planes[i].seen_ns, t_ns)
 
 
 @inner

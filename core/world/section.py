@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -14,6 +14,16 @@ from .serialize import SavedSection
 from .update import SAVED_PLANE
 
 NS = 1_000_000_000
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RecentFrame:
+    """What a frame took from the free space."""
+
+    t_ns: int
+    observations: NDArray[Any]  # (N,) OBSERVATION
+    arrived: NDArray[np.bool_]  # (N,), see free_removal.py
+    place_m: tuple[float, float, float]  # of the camera
 
 
 @dataclass(slots=True, kw_only=True)
@@ -29,6 +39,7 @@ class Section:
     place_m: tuple[float, float, float]  # place of the newest frame's camera
     vouched: bool = False  # the section begins with saved planes, and the next frame belongs to it at any position
     estimate: tuple[int, ...] = ()  # that of its frames
+    recent: list[RecentFrame] = field(default_factory=list)  # those that may be newer than one that comes late
 
     @property
     def used_slots(self) -> NDArray[Any]:

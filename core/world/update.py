@@ -201,7 +201,8 @@ def add_frame(tables, free, observations, arrived, settings, t_ns, view):
     x, y, reach = view.x_m, view.y_m, np.float64(view.far_m.max())
     n = gather(tables, x - reach, y - reach, x + reach, y + reach, view.layers_m[0], view.layers_m[-1], near)
     for m in range(n):
-        count_clear_view(tables, near[m], rules.pose_sigma_m, view)
+        if tables.planes[near[m]].seen_ns <= t_ns:  # a frame of another camera may have observed it later
+            count_clear_view(tables, near[m], rules.pose_sigma_m, view)
     for m in range(n):
         cut_cleared(tables, near[m])
 

@@ -18,11 +18,11 @@ from ..types import FrameModel
 from .association import OBSERVATION
 from .evidence import empty_steps
 from .free_grid import FreeTables, empty_free, held_blocks, see_free, seen_blocks
-from .free_removal import arrived_in_free
+from .free_removal import arrived_in_free, remove_free
 from .ground import see_ground
 from .params import WorldParams
 from .plane_index import BOX, columns, empty_tables
-from .section import Section, planes_to_load, saved_section
+from .section import RecentFrame, Section, planes_to_load, saved_section
 from .serialize import SavedSection, fitting
 from .snapshot import WorldSnapshot
 from .update import add_frame, observations_of, put_saved, rules_of
@@ -106,8 +106,18 @@ class World:
             see_free(free, view)
             self._see_ground(free, observation, view)
         add_frame(tables, free, observations, arrived, self._rules, observation.t_ns, view)
-        section.newest_ns = max(section.newest_ns, observation.t_ns)
-        section.place_m = observation.place_m
+        self._remove_again(section, RecentFrame(observation.t_ns, observations, arrived, observation.place_m))
+        if observation.t_ns >= section.newest_ns:  # a late frame's place is an earlier one
+            section.newest_ns, section.place_m = observation.t_ns, observation.place_m
+
+    @staticmethod
+    def _remove_again(section: Section, frame: RecentFrame) -> None:
+        """Takes from the free space what frames took that were exposed after this one and added before it."""
+        for later in section.recent:
+            if later.t_ns > frame.t_ns:
+                remove_free(section.free, later.observations, later.arrived, later.place_m[0], later.place_m[1])
+        oldest_ns = max(section.newest_ns, frame.t_ns) - round(RESTART_S * NS)
+        section.recent = [f for f in (*section.recent, frame) if f.t_ns >= oldest_ns]
 
     @staticmethod
     def _see_ground(free: FreeTables, observation: Observation, view: FreeView) -> None:
@@ -246,6 +256,7 @@ class World:
         if self.section is not None:
             # nothing is added to it any more
             self.section.tables = self.section.tables._replace(steps=empty_steps(0, 0.0))
+            self.section.recent = []
             self.past.append(self.section)
             while len(self.past) > self.params.most_sections:
                 self.past.popleft()

@@ -89,6 +89,16 @@ def test_a_request_of_another_form_does_not_stop_the_world(speaker: Speaker) -> 
         other.close(0)
 
 
+def test_the_world_is_as_recent_as_its_newest_frame_not_as_the_last_one_read(speaker: Speaker) -> None:
+    """A second camera whose frames are read 0.6 s later."""
+    newest_ns, thread = now(), speaker.service
+    for t_ns in (newest_ns, newest_ns - 600_000_000):
+        thread.put(result(seen(WALLS, (0.0, 0.0), 0.0, t_ns)))
+    thread._take()
+    message = thread._completed(snapshot_message(thread.world.picture(newest_ns), newest_ns), newest_ns)
+    assert (message.valid, message.t_ns, message.counts["frames"]) == (True, newest_ns, 2)
+
+
 @pytest.mark.parametrize(
     ("age_ms", "cause"),
     [

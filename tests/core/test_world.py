@@ -295,6 +295,16 @@ def test_a_late_frame_from_before_a_jump_does_not_replace_the_section_after_it(c
     assert (world.counts.sections, world.counts.late) == (2, 1)
 
 
+def test_frames_of_a_second_camera_that_are_read_later_begin_no_section() -> None:
+    """At 10 m/s, 0.2 s apart: the next frame is compared with the place of the newest one, not of the last one read."""
+    walls, world = np.array([wall(30.0, -4.0, 30.0, 4.0)]), World()
+    for k in range(20):
+        world.add(seen(walls, (k * STEP / NS * 10.0, 0.0), 0.0, k * STEP))
+        if k >= 6:
+            world.add(seen(walls, ((k - 6) * STEP / NS * 10.0, 0.0), 0.0, (k - 6) * STEP + 1))
+    assert (world.counts.sections, world.counts.late) == (1, 0)
+
+
 @pytest.mark.parametrize("back_s", [[2.0], [9.0], [9.0, 8.5, 8.1]])
 def test_frames_of_the_past_change_nothing(back_s: list[float]) -> None:
     """A second camera whose stamps are wrong, or whose frames are read late: its frames end no section and free nothing."""

@@ -42,6 +42,28 @@ def test_of_a_truck_that_stops_in_free_space_nothing_is_free_though_one_side_is_
     assert (WorldSpace(world.picture(60 * STEP)).points(inside, 0.2) == Occupancy.FREE).all()
 
 
+def test_a_frame_from_before_an_arrival_that_is_read_after_it_frees_nothing_inside_of_it() -> None:
+    """Two cameras with different latencies: the second one's frame was exposed before the truck came."""
+    world, nothing = World(), np.zeros((0, 6))
+    for k in range(5):
+        world.add(seen(nothing, (0.0, 0.0), 0.0, k * STEP))
+    for k in range(5, 8):
+        world.add(seen(TRUCK, (0.0, 0.0), 0.0, k * STEP))
+    for k in range(1, 5):
+        world.add(seen(nothing, (0.0, 0.5), 0.05, k * STEP + 1))
+    space = WorldSpace(world.picture(8 * STEP))
+    assert Occupancy.FREE not in space.points([[6.0, 0.0, 0.0], [8.0, 0.0, 0.0], [10.0, 0.5, 0.0]])
+    assert space.points([[8.0, 4.0, 0.0]]).tolist() == [Occupancy.FREE]  # beside it
+
+
+def test_frames_from_before_an_observation_are_no_proof_that_it_is_gone() -> None:
+    world, nothing = World(), np.zeros((0, 6))
+    world.add(seen(TRUCK, (0.0, 0.0), 0.0, 10 * STEP))
+    for k in range(1, 10):
+        world.add(seen(nothing, (0.0, 0.5), 0.05, k * STEP + 1))
+    assert WorldSpace(world.picture(10 * STEP)).points([[5.0, 0.0, 0.0]]).tolist() == [Occupancy.OCCUPIED]
+
+
 def test_while_the_position_drifts_nothing_behind_a_wall_is_free() -> None:
     """By 0.1 m in each frame, as if the wall came nearer through what was free."""
     world, front = World(), np.array([wall(15.0, -12.0, 15.0, 12.0)])
