@@ -30,6 +30,8 @@ MASKS_RAD = ((2.0, 2.0), (-0.3, 0.1))
 """Masked azimuths of the two cameras."""
 FAULTS = ("yaw", "position", "gap", "invalid", "late", "repeated")
 FAULT_SHARE = 0.05
+LATE_FAULTS, LATE_SHARE = ("late", "late", "late", "repeated", "gap", "invalid"), 0.15
+"""Of flights among vehicles."""
 _ROOM_M = 0.8
 
 
@@ -67,6 +69,8 @@ class Flight:
     rng: np.random.Generator
     boxes: list[Box]
     duration_s: float
+    faults: tuple[str, ...] = FAULTS
+    fault_share: float = FAULT_SHARE
     at_m: Floats = field(default_factory=lambda: np.zeros(2))
     heading_rad: float = 0.0
     psi_rad: float = 0.0
@@ -89,7 +93,7 @@ class Flight:
                 rate = self.rng.uniform(-0.6, 0.6)
             step = self._move(t_s, speed, rate)
             self.offset_m = self.offset_m + drift * np.hypot(*step)
-            fault = str(self.rng.choice(FAULTS)) if k > 10 and self.rng.random() < FAULT_SHARE else ""
+            fault = str(self.rng.choice(self.faults)) if k > 10 and self.rng.random() < self.fault_share else ""
             if fault == "yaw":
                 place = turn(self.psi_rad) @ self.at_m + self.offset_m
                 self.psi_rad += self.rng.choice([-1.0, 1.0]) * self.rng.uniform(0.1, 2.0)

@@ -1,6 +1,7 @@
 """Random flights with faults through random scenes: whether the merged world calls free what is solid, or loses obstacles.
 
     python -m benchmarks.world.random_judge --seeds 0:50
+    python -m benchmarks.world.random_judge --seeds 0:50 --vehicles
 
 Faults: jumps of heading and position, drift, gaps of frames, invalid frames, masks, noise and bias of the depth, positions
 that are repeated while the vehicle moves, late frames of a second camera; obstacles that move, appear and disappear. The
@@ -32,8 +33,8 @@ from core.world.world import World
 from osape_client.query.space import Occupancy
 from osape_client.world.space import WorldSpace
 
-from .random_flights import NS, Flight, Seen
-from .random_scene import KE_PER_M, LAYERS_M, RANGE_M, VIEW_RAD, Box, Floats, Mask, random_boxes, turn
+from .random_flights import FAULT_SHARE, FAULTS, LATE_FAULTS, LATE_SHARE, NS, Flight, Seen
+from .random_scene import KE_PER_M, LAYERS_M, RANGE_M, VIEW_RAD, Box, Floats, Mask, random_boxes, turn, vehicles
 
 FREE_AGES_S = (4.0, 12.0, 12.0)
 """`free_age_s`, by seed."""
@@ -42,6 +43,7 @@ _SLACK_M, _SIGMAS, _BESIDE = 0.3, 3.0, 4
 _LOST_M = 0.5
 """Farthest plane that still stands for an observed place, without noise and margin."""
 _GAP_NS = 5 * NS
+_OFTEN = 7
 _MOST_CELLS, _MOST_PLACES = 2000, 1500
 """Cells and places that are judged at one time."""
 
@@ -210,12 +212,16 @@ def free_cells(blocks: NDArray[np.int32], masks: NDArray[np.uint64]) -> Floats:
     return np.asarray((np.concatenate(cells) + 0.5) * CELL_M)
 
 
-def judged(seed: int, duration_s: float = 12.0, every: int = 25) -> Judge:
-    """Returns the judgement of the flight of a seed."""
+def judged(seed: int, duration_s: float = 12.0, every: int = 25, among_vehicles: bool = False) -> Judge:
+    """Returns the judgement of the flight of a seed. every: frames from one judgement to the next; among_vehicles: with more
+    late frames."""
     rng = np.random.default_rng([17, seed])
-    boxes = [b for b in random_boxes(rng, duration_s) if b.depth(np.zeros((1, 2)), 0.0)[0] < -2.0]
+    boxes = vehicles(rng, duration_s) if among_vehicles else random_boxes(rng, duration_s)
+    boxes = [b for b in boxes if b.depth(np.zeros((1, 2)), 0.0)[0] < -2.0]
     params = WorldParams(most_planes=4096, most_free_blocks=512, free_age_s=FREE_AGES_S[seed % len(FREE_AGES_S)])
-    flight, world, judge = Flight(rng, boxes, duration_s), World(params), Judge(boxes, params.free_age_s)
+    faults = (LATE_FAULTS, LATE_SHARE) if among_vehicles else (FAULTS, FAULT_SHARE)
+    flight = Flight(rng, boxes, duration_s, *faults)
+    world, judge = World(params), Judge(boxes, params.free_age_s)
     for k, (due_s, seen) in enumerate(flight.delivered()):
         before = world.picture(seen.t_ns)
         world.add(seen.observation())
@@ -229,12 +235,13 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seeds", default="0:10", help="first and last + 1")
     parser.add_argument("--duration", type=float, default=12.0, help="s of each flight")
+    parser.add_argument("--vehicles", action="store_true", help="moving vehicles, more late frames, judged more often")
     options = parser.parse_args()
     first, end = map(int, options.seeds.split(":"))
     cells = places = 0
     total: Counter[str] = Counter()
     for seed in range(first, end):
-        judge = judged(seed, options.duration)
+        judge = judged(seed, options.duration, _OFTEN if options.vehicles else 25, options.vehicles)
         cells, places = cells + judge.cells, places + judge.judged_places
         found = Counter(kind for _, kind, _ in judge.wrong)
         total += found

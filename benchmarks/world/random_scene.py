@@ -23,6 +23,7 @@ DIRECTIONS, RAYS = 32, 10
 """Directions of the free profile, and rays through each."""
 VIEW_RAD = math.radians(80.0)
 _LEAST_M = 0.02
+_VEHICLES = 14
 _INFO = CameraInfo("front", Intrinsics(64, 48, 45.0, 45.0, 31.5, 23.5))
 
 
@@ -96,6 +97,19 @@ def random_boxes(rng: np.random.Generator, duration_s: float) -> list[Box]:
             )
         )
     return boxes
+
+
+def vehicles(rng: np.random.Generator, duration_s: float) -> list[Box]:
+    """Vehicles that move and stop near the origin, half of which appear."""
+    boxes: list[Box] = []
+    while len(boxes) < _VEHICLES:
+        for b in random_boxes(rng, duration_s):
+            if b.half_m.min() > 1.0 and b.speed_m_s.any():
+                begin = rng.uniform(0.0, 0.8 * duration_s)
+                moves = (begin, begin + rng.uniform(0.3, 2.0))
+                there = -math.inf if rng.random() < 0.5 else begin
+                boxes.append(replace(b, place_m=0.6 * b.place_m, moves_s=moves, from_s=there))
+    return boxes[:_VEHICLES]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

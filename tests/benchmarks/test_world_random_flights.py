@@ -38,3 +38,9 @@ def test_a_world_without_a_rule_is_found(monkeypatch: pytest.MonkeyPatch, name: 
     else:
         monkeypatch.setattr(core_world, name, lambda _, observations: np.zeros(len(observations), np.bool_))
     assert kind in kinds(judged(seed))
+
+
+def test_a_world_that_forgets_newer_frames_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert judged(3, 10.0, 7, among_vehicles=True).wrong == []
+    monkeypatch.setattr(World, "_remove_again", lambda *_: None)
+    assert "solid" in kinds(judged(3, 10.0, 7, among_vehicles=True))
