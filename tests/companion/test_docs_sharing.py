@@ -9,8 +9,8 @@ from typing import Final
 
 import numpy as np
 
+from companion.share.output import MOST_LOGGED_PER_S
 from companion.share.packet_rate import ALL_PER_S, PACKETS_PER_S
-from companion.share.record_limit import MOST_LOGGED_PER_S
 from core.sharing.packet_codec import (
     MOTION_BYTES,
     OVERHEAD_BYTES,
