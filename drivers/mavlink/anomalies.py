@@ -17,6 +17,7 @@ class LinkAnomaly(Code):
     ATTITUDE_NON_FINITE = "attitude_non_finite", "attitude is not a number"
     ATTITUDE_REPEATED = "attitude_repeated", "attitude of an earlier time with a new timestamp"
     POSITION_NON_FINITE = "position_non_finite", "position is not a number"
+    POSITION_REPEATED = "position_repeated", "position of an earlier time with a new timestamp"
     ODOMETRY_UNUSABLE = "odometry_unusable", "odometry of another frame or failed"
     ODOMETRY_UNCONFIRMED = "odometry_unconfirmed", "odometry while no valid LOCAL_POSITION_NED is received"
     ODOMETRY_UNIX_TIME = "odometry_unix_time", "odometry with unix time"

@@ -15,6 +15,7 @@ from .anomalies import LinkAnomaly
 from .clock_sync import NS, UNKNOWN_DELAY_NS, ClockEstimate, ClockFilter
 from .parser import Frame
 from .repeated_attitude import RepeatedAttitude
+from .repeated_position import RepeatedPosition
 from .session_types import ATTITUDE_ID, ATTITUDE_QUATERNION_ID
 
 MS = 1_000_000
@@ -26,12 +27,13 @@ MAX_ANGLE_RAD = 2.0 * math.pi + 1e-3
 """Greatest angle of an attitude."""
 UNIX_NS = 10**17
 """Stamps beyond 3 years are no time since boot: some senders use unix time in time_usec."""
-MOTION = frozenset({ATTITUDE_ID, ATTITUDE_QUATERNION_ID, 32, 331})
+LOCAL_POSITION_NED_ID, ODOMETRY_ID = 32, 331
+MOTION = frozenset({ATTITUDE_ID, ATTITUDE_QUATERNION_ID, LOCAL_POSITION_NED_ID, ODOMETRY_ID})
 """ATTITUDE, ATTITUDE_QUATERNION, LOCAL_POSITION_NED, ODOMETRY."""
 _FIELDS = {
     ATTITUDE_ID: struct.Struct("<I6f"),
     ATTITUDE_QUATERNION_ID: struct.Struct("<I7f"),
-    32: struct.Struct("<I6f"),
+    LOCAL_POSITION_NED_ID: struct.Struct("<I6f"),
 }
 """time_boot_ms and the numbers of the messages that arrive a hundred times per second, as in the payload. Decoding by
 the dialect would take as long as all other steps of a sample together."""
@@ -63,6 +65,7 @@ class MotionDecoder:
         self._local_ns: int | None = None
         self._locals_since = 0  # the newest ODOMETRY
         self._repeats = {kind: RepeatedAttitude() for kind in (ATTITUDE_ID, ATTITUDE_QUATERNION_ID)}
+        self._held = {kind: RepeatedPosition() for kind in (LOCAL_POSITION_NED_ID, ODOMETRY_ID)}
         self._repeated_ns: int | None = None  # arrival of the newest attitude of a kind that repeats itself
         self.counts: Counter[LinkAnomaly] = Counter()
 
@@ -152,11 +155,14 @@ class MotionDecoder:
         if position is None:
             self.counts[LinkAnomaly.POSITION_NON_FINITE] += 1
             return None
-        t_ns = self._stamp(self._clock.boot_ns(time_boot_ms), HALF_MS, arrival_ns)
+        boot_ns = self._clock.boot_ns(time_boot_ms)
+        t_ns = self._stamp(boot_ns, HALF_MS, arrival_ns)
         if t_ns is None:
             return None
         self._local_ns = arrival_ns
         self._locals_since += 1
+        if self._is_held(LOCAL_POSITION_NED_ID, boot_ns, numbers):
+            return None
         if _recent(self._odometry_ns, arrival_ns) and self._locals_since <= MOST_BETWEEN:
             return None
         velocity = within(numbers[3:], MAX_SPEED_M_S)
@@ -184,10 +190,18 @@ class MotionDecoder:
         if slower:
             self._odometry_ns = None
             return None
+        if self._is_held(ODOMETRY_ID, boot_ns, (*position, float(m.vx), float(m.vy), float(m.vz))):
+            return None
         self._odometry_ns = arrival_ns
         return PoseSample(
             t_ns, arrival_ns, position, _odometry_velocity(m), int(m.reset_counter), self._stamp_error_ns()
         )
+
+    def _is_held(self, kind: int, boot_ns: int, numbers: tuple[float, ...]) -> bool:
+        """Takes a position and velocity that are used otherwise; returns whether they repeat those before."""
+        held = self._held[kind].take(boot_ns, numbers)
+        self.counts[LinkAnomaly.POSITION_REPEATED] += held
+        return held
 
 
 def motion_fields(frame: Frame) -> tuple[float, ...] | None:
@@ -223,5 +237,5 @@ def _odometry_velocity(m: Any) -> tuple[float, float, float] | None:
 _READERS = {
     ATTITUDE_ID: MotionDecoder._attitude,
     ATTITUDE_QUATERNION_ID: MotionDecoder._attitude_quaternion,
-    32: MotionDecoder._local_position,
+    LOCAL_POSITION_NED_ID: MotionDecoder._local_position,
 }

@@ -202,3 +202,43 @@ def test_the_stated_rate_is_that_of_the_attitudes_that_are_used() -> None:
         if k == 699:
             assert session.status(now_ns).attitude_hz < 5.0
     assert session.status(now_ns).attitude_hz == pytest.approx(50.0, abs=1.0)
+
+
+@pytest.mark.parametrize("kind", [PX4, ARDUPILOT])
+@pytest.mark.parametrize("hz", [5.0, 30.0])
+@pytest.mark.parametrize("velocity_m_s", [(3.0, -0.2, 0.0), (0.0, 0.0, 0.2)])
+def test_a_position_that_is_sent_again_with_new_stamps_is_not_used(
+    kind: str, hz: float, velocity_m_s: tuple[float, float, float]
+) -> None:
+    """It counted as fresh, so that the merged world was displaced by up to 2 m until it began a section."""
+    stopped_ns, back_ns = 110 * NS, 114 * NS
+
+    def flight(now_ns: int) -> VehicleState:
+        t_ns = stopped_ns if stopped_ns <= now_ns < back_ns else now_ns
+        x, y, z = (v * t_ns / NS for v in velocity_m_s)
+        still = (0.0, 0.0, 0.0)
+        return VehicleState(
+            position_ned_m=(x, y, z), velocity_ned_m_s=velocity_m_s, euler_rad=still, rates_frd_rad_s=still
+        )
+
+    c = talk(kind, MavlinkParams(position_hz=hz), boot_at_ns=90 * NS, motion=flight)
+    c.run(9.9)
+    assert "position_repeated" not in c.session.status(c.now_ns).counts
+    c.run(3.0)
+    poses = [s for s in c.samples if isinstance(s, PoseSample)]
+    assert len(poses) > 5.0 * hz
+    assert poses[-1].t_ns < stopped_ns + round(NS / hz) + 10 * MS  # the newest position, which no message had yet
+    assert c.session.status(c.now_ns).counts["position_repeated"] > 2.0 * hz
+    c.samples.clear()
+    c.run(3.0)
+    used = [s.t_ns for s in c.samples if isinstance(s, PoseSample)]
+    assert min(used) > back_ns - 10 * MS
+    assert max(used) > c.now_ns - round(NS / hz) - 100 * MS
+
+
+def test_the_position_of_a_vehicle_at_rest_is_used() -> None:
+    """A simulator without noise sends the same numbers all the time."""
+    c = talk(PX4, boot_at_ns=90 * NS)
+    c.run(10.0)
+    assert sum(isinstance(s, PoseSample) and s.t_ns > 105 * NS for s in c.samples) > 100
+    assert "position_repeated" not in c.session.status(c.now_ns).counts
