@@ -32,7 +32,7 @@ class Loading(threading.Thread):
         )
         self._cancelled = False
         self._next_log_s = 0.0
-        self.text = "loading kernels"
+        self.text = progress_text(0, 0)
 
     def run(self) -> None:
         try:

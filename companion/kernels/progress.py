@@ -46,6 +46,8 @@ def _group_of(source: Path) -> str:
 
 def progress_text(done: int, total: int) -> str:
     """Returns the line that every command shows."""
+    if done >= total:
+        return "loading kernels"
     return f"compiling kernels {done} of {total}, once for this version"
 
 
@@ -64,7 +66,7 @@ class ProgressLine:
     def __call__(self, done: int, total: int) -> None:
         text = progress_text(done, total)
         if self._terminal and text != self._shown:
-            sys.stderr.write(f"\r{text}")
+            sys.stderr.write(f"\r{text.ljust(len(self._shown))}")
         elif not self._terminal and time.monotonic() >= self._next_s:
             self._next_s = time.monotonic() + LOG_EVERY_S
             sys.stderr.write(text + "\n")

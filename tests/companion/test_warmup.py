@@ -22,7 +22,7 @@ import companion.kernels.warmup as warmup
 from companion.cli import main
 from companion.kernels.manifest import Manifest, add_groups, missing_groups, write_manifest
 from companion.kernels.module_folder import kernels_in
-from companion.kernels.progress import CompiledCount, Report
+from companion.kernels.progress import CompiledCount, Report, progress_text
 from companion.kernels.run_kernels import GROUPS, run_kernels
 
 pytestmark = pytest.mark.process
@@ -424,3 +424,9 @@ def test_after_a_failure_to_load_a_damaged_cache_is_mended(
     assert ready == [("extractor",)]
     assert file.stat().st_size > 0
     assert not (filled / loading.MARK).exists()
+
+
+def test_compiled_kernels_are_not_reported_as_being_compiled() -> None:
+    """A busy computer showed "compiling kernels 309 of 309" for the seconds in which it loaded them."""
+    assert progress_text(308, 309).startswith("compiling kernels 308 of 309")
+    assert progress_text(309, 309) == "loading kernels"
