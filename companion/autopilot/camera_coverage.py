@@ -71,10 +71,11 @@ def looked_into(info: CameraInfo, avoid: AvoidParams, hidden: NDArray[np.bool_] 
     reaches_band = bool(inside.any())
     if not reaches_band:
         inside[:] = True
-    seen = inside.copy()
+    measured = np.ones(n * n, np.bool_)
     if hidden is not None:
         rows, columns = (np.clip(np.round(c), 0, size - 1).astype(int) for c, size in ((v, k.height), (u, k.width)))
-        seen &= ~hidden[np.ix_(rows, columns)].ravel()
+        measured = ~hidden[np.ix_(rows, columns)].ravel()
+    seen = inside & measured
     share = (z_m + avoid.band_above_m) / (avoid.band_above_m + avoid.band_below_m)
     height = np.clip(share * avoid.slices, 0, avoid.slices - 1).astype(int)
     place_m = (info.mount.x_m, info.mount.y_m)
@@ -85,7 +86,8 @@ def looked_into(info: CameraInfo, avoid: AvoidParams, hidden: NDArray[np.bool_] 
         could, can = (np.zeros((SECTORS * PARTS, avoid.slices), bool) for _ in range(2))
         could[part[inside], height[inside]] = True
         can[part[seen], height[seen]] = True
-        heights |= can & reaches_band
+        if reaches_band:
+            heights |= can | _heights_between(part, share * avoid.slices, measured, avoid.slices)
         enough = can.sum(axis=1) >= avoid.clear_share * could.sum(axis=1)
         look = np.where(enough, np.uint8(Look.WHOLE), np.uint8(Look.SOME))
         looks.append(np.where(can.any(axis=1), look, np.uint8(Look.NOTHING)))
@@ -93,6 +95,29 @@ def looked_into(info: CameraInfo, avoid: AvoidParams, hidden: NDArray[np.bool_] 
     some = np.minimum(np.maximum.reduce(looks), np.uint8(Look.SOME))
     look = np.where(whole, np.uint8(Look.WHOLE), some).reshape(SECTORS, PARTS)
     return Coverage(look, heights.reshape(SECTORS, PARTS, -1))
+
+
+def _heights_between(
+    part: NDArray[np.int_], height: NDArray[np.float64], measured: NDArray[np.bool_], slices: int
+) -> NDArray[np.bool_]:
+    """Returns the heights, (72 * PARTS, slices), that lie between two neighbouring rays of a part.
+
+    A slice may be lower than the distance of two rays, so that no ray passes through it.
+
+    Args:
+        part: (N,) part of each ray of a square grid.
+        height: (N,) height of each ray, in slices from the top of the band.
+        measured: (N,) whether its pixel is measured.
+        slices: number of heights."""
+    out, n = np.zeros((SECTORS * PARTS, slices), np.bool_), math.isqrt(len(part))
+    part, height, measured = part.reshape(n, n), height.reshape(n, n), measured.reshape(n, n)
+    for one, beside in ((np.s_[:-1], np.s_[1:]), (np.s_[:, :-1], np.s_[:, 1:])):
+        low, high = np.minimum(height[one], height[beside]), np.maximum(height[one], height[beside])
+        both = measured[one] & measured[beside] & (part[one] == part[beside]) & (low < slices) & (high >= 0.0)
+        low, high, where = low[both], high[both], part[one][both]
+        for k in range(slices):
+            out[where[(low < k + 1) & (high >= k)], k] = True
+    return out
 
 
 def _azimuth_at(azimuth_rad: NDArray[np.float64], place_m: tuple[float, float], range_m: float) -> NDArray[np.float64]:

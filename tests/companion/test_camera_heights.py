@@ -8,12 +8,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from companion.autopilot.camera_coverage import covered, looked_into, too_near_the_edge
+from companion.autopilot.camera_coverage import covered, covered_sectors, looked_into, too_near_the_edge
 from companion.autopilot.failsafe import AutopilotNow
 from companion.autopilot.obstacle_distance import UNKNOWN
 from companion.autopilot.obstacle_report import SeenCameras
 from companion.autopilot.report_builder import ObstacleReportBuilder
-from core.types import CameraInfo, CameraMount
+from core.types import CameraInfo, CameraMount, Intrinsics
 
 from .test_obstacle_sender import AVOID, CAMERA, CLEAR, WALL, Chain
 from .test_sectors import model
@@ -82,6 +82,18 @@ def test_a_second_level_camera_moves_the_edge_of_the_view() -> None:
     assert np.count_nonzero(~too_near_the_edge([level, beside], AVOID)) > np.count_nonzero(
         ~too_near_the_edge([level], AVOID)
     )
+
+
+@pytest.mark.parametrize("roll_deg", [0.0, 90.0])
+def test_heights_lower_than_the_distance_of_two_rays_are_covered(roll_deg: float) -> None:
+    """A wide camera had 8 of 22 sectors inside of the edge, and did not replace a camera with a slightly other mount."""
+    avoid = replace(AVOID, near_m=5.0, slices=20, band_above_m=0.3, band_below_m=0.3)
+    wide = replace(CAMERA, intrinsics=Intrinsics(width=640, height=400, fx=160.0, fy=160.0, cx=319.5, cy=199.5))
+    mounts = [CameraMount(roll_rad=math.radians(roll_deg), pitch_rad=math.radians(p)) for p in (0.0, 1.3)]
+    one, other = (looked_into(replace(wide, mount=mount), avoid) for mount in mounts)
+    middle = [0, *range(-5, 0), *range(1, 6)]
+    assert not too_near_the_edge([one], avoid)[middle].any()
+    assert not covered_sectors([one], [other], avoid).heights_lost[middle].any()
 
 
 def test_a_camera_that_is_opened_covers_what_it_looks_into_from_then_on() -> None:
