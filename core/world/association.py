@@ -168,6 +168,7 @@ def absorb_plane(tables, i, k, rules):
     b = shifted(box_of(other), x, y)
     plane.cut = joined_cuts(found, shifted(box_of(plane), x, y), plane.cut, b, other.cut)
     plane.hits = max(plane.hits, other.hits)
+    plane.seen_ns = max(plane.seen_ns, other.seen_ns)  # of a late frame that joins them it is an earlier one
     merge_steps(tables, i, k, box)
     set_links(tables, k, False)
     remove(tables, k)

@@ -59,8 +59,26 @@ def is_observed_clear(x, y, top, bottom, slack, pose_sigma_m, view):
 
 
 @inner
-def count_clear_view(tables, i, pose_sigma_m, view):
-    """Counts one observation as clear of each step of slot i that a frame observed to be clear. view: FreeView."""
+def is_observed_later(newer, x, y, top, bottom, off):
+    """True if a frame that was exposed later observed a plane within `off` of a place, at any of its heights.
+
+    newer: (N,) OBSERVATION of those frames; x, y: the place; top, bottom: heights."""
+    for j in range(newer.shape[0]):
+        b = newer[j]
+        if b.bottom_m <= top or b.top_m >= bottom:
+            continue
+        dx, dy = b.bx_m - b.ax_m, b.by_m - b.ay_m
+        share = min(1.0, max(0.0, ((x - b.ax_m) * dx + (y - b.ay_m) * dy) / (dx * dx + dy * dy)))
+        if math.hypot(x - b.ax_m - share * dx, y - b.ay_m - share * dy) <= off + b.margin_m:
+            return True
+    return False
+
+
+@inner
+def count_clear_view(tables, i, pose_sigma_m, view, newer):
+    """Counts one observation as clear of each step of slot i that a frame observed to be clear, and no later one observed.
+
+    view: FreeView; newer: (N,) OBSERVATION of frames that were exposed later."""
     steps, rows = plane_steps(tables, i), tables.steps
     if not has_evidence(tables, steps):
         return
@@ -71,7 +89,10 @@ def count_clear_view(tables, i, pose_sigma_m, view):
     for k in range(steps.first, steps.end):
         begin, end = part_of(steps, k)
         along = 0.5 * (begin + end)
-        if is_observed_clear(x + along * steps.dx, y + along * steps.dy, top, bottom, slack, pose_sigma_m, view):
+        sx, sy = x + along * steps.dx, y + along * steps.dy
+        if not is_observed_clear(sx, sy, top, bottom, slack, pose_sigma_m, view):
+            continue
+        if not is_observed_later(newer, sx + view.x_m, sy + view.y_m, top, bottom, slack):
             count_clear(rows[i, k % rows.shape[1]])
 
 

@@ -185,10 +185,11 @@ def join_neighbours(tables, free, i, frame, near):
 
 
 @kernel
-def add_frame(tables, free, observations, arrived, settings, t_ns, view):
+def add_frame(tables, free, observations, arrived, newer, settings, t_ns, view):
     """Adds the observations and the free profile of one frame.
 
-    arrived: (N,) bool, those that stand in what was free before, see free_removal.py."""
+    arrived: (N,) bool, those that stand in what was free before, see free_removal.py; newer: (M,) OBSERVATION of frames
+    that were exposed later and added before."""
     rules = settings[0]
     near, touched = np.empty(_NEAR, np.int32), np.full(observations.shape[0], NONE, np.int32)
     frame = Frame(observations, touched, rules, view.x_m, view.y_m)
@@ -201,8 +202,7 @@ def add_frame(tables, free, observations, arrived, settings, t_ns, view):
     x, y, reach = view.x_m, view.y_m, np.float64(view.far_m.max())
     n = gather(tables, x - reach, y - reach, x + reach, y + reach, view.layers_m[0], view.layers_m[-1], near)
     for m in range(n):
-        if tables.planes[near[m]].seen_ns <= t_ns:  # a frame of another camera may have observed it later
-            count_clear_view(tables, near[m], rules.pose_sigma_m, view)
+        count_clear_view(tables, near[m], rules.pose_sigma_m, view, newer)
     for m in range(n):
         cut_cleared(tables, near[m])
 

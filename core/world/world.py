@@ -105,7 +105,9 @@ class World:
         if view.far_m.size:
             see_free(free, view)
             self._see_ground(free, observation, view)
-        add_frame(tables, free, observations, arrived, self._rules, observation.t_ns, view)
+        later = [f.observations for f in section.recent if f.t_ns > observation.t_ns]
+        newer = np.concatenate(later) if later else observations[:0]
+        add_frame(tables, free, observations, arrived, newer, self._rules, observation.t_ns, view)
         self._remove_again(section, RecentFrame(observation.t_ns, observations, arrived, observation.place_m))
         if observation.t_ns >= section.newest_ns:  # a late frame's place is an earlier one
             section.newest_ns, section.place_m = observation.t_ns, observation.place_m

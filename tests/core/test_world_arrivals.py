@@ -64,6 +64,27 @@ def test_frames_from_before_an_observation_are_no_proof_that_it_is_gone() -> Non
     assert WorldSpace(world.picture(10 * STEP)).points([[5.0, 0.0, 0.0]]).tolist() == [Occupancy.OCCUPIED]
 
 
+def test_a_camera_that_is_read_late_removes_what_is_gone_of_a_plane_that_another_one_observes() -> None:
+    """The right part of a wall goes, and only the frames of the second camera show it. They are read 10 ms late."""
+    world = World()
+    for k in range(60):
+        walls = np.array([wall(10.0, -8.0, 10.0, 8.0 if k < 10 else 1.0)])
+        world.add(seen(walls, (0.0, 0.0), -0.25 * math.pi, k * STEP, view_deg=100.0))
+        world.add(seen(walls, (0.0, 0.0), 0.25 * math.pi, k * STEP - NS // 100, view_deg=100.0))
+    space = WorldSpace(world.picture(60 * STEP))
+    assert (space.points([[10.0, 2.5, 0.0], [10.0, 5.0, 0.0]]) == Occupancy.FREE).all()
+    assert (space.points([[10.0, 0.0, 0.0], [10.0, -5.0, 0.0]]) == Occupancy.OCCUPIED).all()
+
+
+def test_a_late_frame_that_joins_two_planes_makes_none_of_them_older() -> None:
+    world = World()
+    world.add(seen(np.array([wall(10.0, -4.0, 10.0, -1.0)]), (0.0, 0.0), 0.0, 10 * STEP))
+    world.add(seen(np.array([wall(10.0, 1.2, 10.0, 4.0)]), (0.0, 0.0), 0.0, 12 * STEP))
+    assert len(world.picture(12 * STEP).planes) == 2
+    world.add(seen(np.array([wall(10.0, -4.0, 10.0, 0.9)]), (0.0, 0.0), 0.0, 11 * STEP))
+    assert world.picture(12 * STEP).seen_ns.tolist() == [12 * STEP]
+
+
 def test_while_the_position_drifts_nothing_behind_a_wall_is_free() -> None:
     """By 0.1 m in each frame, as if the wall came nearer through what was free."""
     world, front = World(), np.array([wall(15.0, -12.0, 15.0, 12.0)])
