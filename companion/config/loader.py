@@ -234,7 +234,7 @@ def config_from_text(text: str, source: str = "the configuration in the log") ->
         raise ConfigError(source, [f"{TOO_DEEP}; the log is damaged"]) from error
     if not isinstance(content, dict):
         raise ConfigError(source, ["not an object of sections; the log is damaged"])
-    if problems := refused_values(content):
+    if problems := refused_values(content, in_log=True):
         raise ConfigError(source, problems)
     return config_of(without_retired(content)[0], source)
 

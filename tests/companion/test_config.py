@@ -16,7 +16,15 @@ from hypothesis import strategies as st
 
 from companion.config.camera import CameraConfig
 from companion.config.docs import tables, with_tables
-from companion.config.loader import Config, ConfigError, config_from_text, config_of, config_text, load_config
+from companion.config.loader import (
+    Config,
+    ConfigError,
+    config_from_text,
+    config_of,
+    config_text,
+    load_config,
+    values_of,
+)
 from companion.config.retired_constants import CONSTANTS_OF
 from companion.config.sections import SECTIONS, fields_of
 from companion.config.sync import SyncParams
@@ -283,6 +291,20 @@ def test_a_key_that_became_a_constant_is_accepted_with_its_value_only(
     content = json.loads(config_text(Config()))
     content[section] |= constants
     assert config_from_text(json.dumps(content)) == Config()
+
+
+def test_a_log_of_the_release_before_can_be_replayed() -> None:
+    """It holds each key, also those that are constants now; the default of one was changed before. tests/data/config-0.1.0.json:
+    the configuration that a log of 0.1.0 with its defaults holds."""
+    text = (ROOT / "tests" / "data" / "config-0.1.0.json").read_text(encoding="utf-8")
+    recorded, content = config_from_text(text), json.loads(text)
+    for section in ("extractor", "expert", "sync", "world"):
+        for f in fields_of(section):
+            if f.name in content[section]:
+                assert getattr(values_of(recorded, section), f.name) == content[section][f.name], (section, f.name)
+    content["guard"]["keep_free_s"] = 0.3
+    with pytest.raises(ConfigError, match=r"keep_free_s = 0\.3 is not available any more"):
+        config_from_text(json.dumps(content))
 
 
 def test_the_two_tables_of_the_algorithm_hold_each_parameter_once() -> None:
