@@ -13,6 +13,7 @@ from companion.guard.machine import GuardMachine
 from companion.guard.modes import StopMethod
 from companion.guard.speed_limit import IN_PROGRESS
 from companion.guard.states import (
+    Announcement,
     GuardState,
     StopCommand,
 )
@@ -208,9 +209,11 @@ def test_a_late_effect_of_an_earlier_command_is_a_stop_of_the_guard() -> None:
 
 
 def test_announces_a_stop_without_effect_once_and_goes_on() -> None:
+    """With the command that is the last of FAILED_AFTER; `stopping` has sent the first one."""
     f = stopping()
     out = f.step(150)
     assert texts(out) == ["guard: STOP NOT CONFIRMED, take over"]
+    assert len(commands(out[: out.index(Announcement(texts(out)[0], critical=True))])) == FAILED_AFTER - 1
     methods = [c.method for c in commands(out) if isinstance(c, StopCommand)]
     assert len(methods) > FAILED_AFTER
     assert methods.count(StopMethod.COPTER_LOITER) > 1

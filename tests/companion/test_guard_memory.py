@@ -17,10 +17,11 @@ from companion.guard.states import (
     SpeedCommand,
     StopCommand,
 )
-from drivers.mavlink.commands import DO_CHANGE_SPEED
+from drivers.mavlink.commands import COPTER_BRAKE, DO_CHANGE_SPEED
 
 from .guard_machine import (
     AUTO,
+    BLOCKED,
     FREE,
     GUARD,
     NARROW,
@@ -30,6 +31,7 @@ from .guard_machine import (
     commands,
     holding,
     stopping,
+    texts,
 )
 
 
@@ -50,6 +52,20 @@ def test_after_a_long_gap_an_unconfirmed_stop_is_assessed_again() -> None:
     f.connected, f.verdict = True, FREE
     assert commands(f.step(20)) == []
     assert f.state is GuardState.WATCHING
+
+
+def test_after_a_long_gap_a_vehicle_that_stands_as_commanded_is_held() -> None:
+    """The pilot must be asked to change the mode. One that flies in the stop mode has been commanded by another station."""
+    for speed_m_s, state, announced in (
+        (0.1, GuardState.HOLDING, ["guard: stopped, change mode to go on"]),
+        (2.0, GuardState.INACTIVE, []),
+    ):
+        f = stopping()
+        f.connected = False
+        f.step(GAP_NS // STEP_NS + 2)
+        f.connected, f.mode, f.verdict = True, COPTER_BRAKE, replace(BLOCKED, speed_m_s=speed_m_s)
+        assert texts(f.step()) == announced
+        assert f.state is state
 
 
 def keep(file: GuardMemoryFile, memory: GuardMemory, now_ns: int) -> None:

@@ -9,7 +9,7 @@ import pytest
 from companion.config.guard import GuardParams
 from companion.guard.machine import GuardMachine
 from companion.guard.modes import StopMethod
-from companion.guard.speed_limit import RAISE_AFTER_NS
+from companion.guard.speed_limit import ACCEPTED, RAISE_AFTER_NS, TEMPORARILY_REJECTED
 from companion.guard.states import (
     GuardState,
     Output,
@@ -51,6 +51,19 @@ def test_repeats_a_limit_three_times() -> None:
     f.verdict = replace(NARROW, speed_m_s=2.0)
     out += f.step(100)
     assert commands(out) == [SpeedCommand(7, 2.0)] * 3
+
+
+@pytest.mark.parametrize(("result", "times"), [(TEMPORARILY_REJECTED, 3), (ACCEPTED, 1)])
+def test_a_limit_that_is_rejected_for_a_moment_is_repeated(result: int, times: int) -> None:
+    f = Flight(verdict=NARROW)
+    out: list[Output] = []
+    for _ in range(100):
+        step = f.step()
+        out += step
+        f.verdict = replace(NARROW, speed_m_s=2.0)
+        if commands(step):
+            f.machine.acknowledged(DO_CHANGE_SPEED, result)
+    assert commands(out) == [SpeedCommand(7, 2.0)] * times
 
 
 def test_lowers_at_once_and_raises_late() -> None:
