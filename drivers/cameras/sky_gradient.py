@@ -19,12 +19,17 @@ _EDGE_ROWS, _MEAN = 6, (7, 5)
 """Rows above an edge that its marks and a blurring lens take; and columns and rows of a mean."""
 _LEAST_CHANGE = 0.006
 """Least change over `rise_px` rows as a share of the brightness, in grey levels: a tenth of that of a clear sky, and half of that of a hazy one."""
+_LEAST_SIGMAS = 0.4
+"""The same in standard deviations of the sensor's noise, of which the difference of two means has 0.24: the noise of a dim face is more
+than that share of its brightness."""
 
 
-def columns_without_gradient(even: Mask, left: Gray, rise_px: int) -> Mask:
-    """(W,) columns in which the smooth pixels below the upper border have one brightness over the lowest `rise_px` rows.
+def columns_without_gradient(even: Mask, left: Gray, rise_px: int, noise_grey: float) -> Mask:
+    """(W,) columns in which the smooth pixels below the upper border have one brightness over the lowest `rise_px` rows: most columns
+    around do not get brighter, and most do not get darker.
 
-    Columns with fewer smooth rows are not judged. even: (H, W) whether a pixel is smooth; left: (H, W) uint8."""
+    Columns with fewer smooth rows are not judged. even: (H, W) whether a pixel is smooth; left: (H, W) uint8; noise_grey: standard
+    deviation of its noise, grey levels."""
     first = np.where((~even).any(axis=0), np.argmax(~even, axis=0), even.shape[0])
     low = first - _EDGE_ROWS - _MEAN[1] // 2
     high = low - rise_px
@@ -32,9 +37,11 @@ def columns_without_gradient(even: Mask, left: Gray, rise_px: int) -> Mask:
     columns = np.flatnonzero(valid)
     mean = cv2.boxFilter(left, cv2.CV_32F, _MEAN)
     lower, upper = mean[low[valid], columns], mean[high[valid], columns]
-    alike = np.zeros(len(valid), np.float32)
-    alike[columns] = np.abs(lower - upper) < _LEAST_CHANGE * lower
-    return np.asarray(valid & (_along(alike) > 0.5 * _along(valid.astype(np.float32))))
+    least = np.maximum(_LEAST_CHANGE * lower, _LEAST_SIGMAS * noise_grey)
+    brighter, darker = np.zeros((2, len(valid)), np.float32)
+    brighter[columns], darker[columns] = lower - upper >= least, upper - lower >= least
+    most = np.maximum(_along(brighter), _along(darker))
+    return np.asarray(valid & (most <= 0.5 * _along(valid.astype(np.float32))))
 
 
 def _along(values: Image) -> Image:

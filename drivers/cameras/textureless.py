@@ -143,12 +143,12 @@ def _bend_noise(shape: tuple[int, int], window: tuple[int, int], step: tuple[int
     return noise
 
 
-def edges(image: Gray, limits: SmoothLimits) -> Mask:
-    """(H, W) whether a pixel lies on an edge or within `grow_px` of it.
+def edges(image: Gray, limits: SmoothLimits, sigma: float | None = None) -> Mask:
+    """(H, W) whether a pixel lies on an edge or within `grow_px` of it. sigma: `noise_grey` of the image where it is known.
 
     Clear edges by the 3x3 derivative, where they are. Faint ones by means of windows whose slope bends, only where no clear edge
     lies in the windows: these would smear it over their width."""
-    sigma = noise_grey(image)
+    sigma = noise_grey(image) if sigma is None else sigma
     size = (2 * limits.grow_px + 1,) * 2
     steep = limits.edge_sigmas * _SOBEL_NOISE * sigma + limits.slope_grey
     right = cv2.Sobel(image, cv2.CV_32F, 1, 0, ksize=3, scale=0.125)
@@ -233,13 +233,16 @@ def mark_unmeasured(
     CONTINUED_MM and TEXTURELESS_MM where the images are smooth, TEXTURED_MM where the left one is not. Dark and saturated pixels,
     smooth ones that differ between the images, and level lines stay UNKNOWN_MM: these may be rods. The lower edge of the sky is no such
     line. disparity: (H, W) float32 px, negative: none."""
-    matched, edge = disparity >= 0.0, edges(left, limits)
+    sigma = noise_grey(left)
+    matched, edge = disparity >= 0.0, edges(left, limits, sigma)
     even, shifted = smooth_and_shifted(left, right, edge, limits)
     even &= ~matched
     even[:, columns_with_near_edge(even, left, right, limits.far_px)] = False
-    even[:, columns_without_gradient(even, left, limits.rise_px)] = False
+    # a sky of one brightness is still one of two areas of which one is a thing: its columns are removed last
+    flat = columns_without_gradient(even, left, limits.rise_px, sigma)
     near = shifted | (disparity >= limits.near_px)
     even &= ~ambiguous_sky(even, even | (shifted & ~matched), near, left, limits.slope_grey)
+    even[:, flat] = False
     marks = np.where(even, np.uint16(TEXTURELESS_MM), np.uint16(UNKNOWN_MM))
     marks[edge & judged(left, limits)] = TEXTURED_MM
     marks[continued(matched, even, left, limits)] = CONTINUED_MM

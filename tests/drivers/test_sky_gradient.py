@@ -10,21 +10,36 @@ from core.types import TEXTURELESS_MM
 from drivers.cameras.textureless import SmoothLimits, limits_of, mark_unmeasured
 
 HEIGHT, WIDTH = 200, 240
-Gray = NDArray[np.uint8]
+Floats = NDArray[np.float64]
 
 
-def sky_share(change: float, top_loss: float = 0.0, horizon: int = 120, limits: SmoothLimits | None = None) -> float:
-    """Share of textureless pixels above the horizon. change: of the brightness over 24 rows above it; top_loss: share of the light that
-    the lens loses at the upper border, with the square of the distance from the middle."""
+def textureless(
+    left: Floats, right: Floats, limits: SmoothLimits | None = None, noise_grey: float = 1.0
+) -> NDArray[np.bool_]:
+    """Which pixels of a pair are marked as textureless. left, right: (H, W) grey levels without noise."""
     rng = np.random.default_rng(3)
+    images = [i + noise_grey * rng.standard_normal(i.shape) for i in (left, right)]
+    one, other = (np.clip(np.rint(i), 0, 255).astype(np.uint8) for i in images)
+    nothing = np.full(one.shape, -1.0, np.float32)
+    marks = mark_unmeasured(np.zeros(one.shape, np.uint16), nothing, one, other, limits or SmoothLimits())
+    return np.asarray(marks == TEXTURELESS_MM)
+
+
+def sky_share(
+    change: float,
+    top_loss: float = 0.0,
+    horizon: int = 120,
+    limits: SmoothLimits | None = None,
+    greys: tuple[float, float] = (150.0, 70.0),
+    noise_grey: float = 1.0,
+) -> float:
+    """Share of textureless pixels above the horizon. change: of the brightness over 24 rows above it; top_loss: share of the light that
+    the lens loses at the upper border, with the square of the distance from the middle; greys: above and below the horizon."""
     rows = np.arange(HEIGHT)[:, None]
-    image = np.where(rows < horizon, 150.0 * (1.0 + change * (rows - horizon) / 24.0), 70.0)
+    image = np.where(rows < horizon, greys[0] * (1.0 + change * (rows - horizon) / 24.0), greys[1])
     image = image * (1.0 - top_loss * ((rows - 0.5 * HEIGHT) / (0.5 * HEIGHT)) ** 2)
     image = np.repeat(image, WIDTH, axis=1)
-    left, right = (np.clip(np.rint(image + rng.standard_normal(image.shape)), 0, 255).astype(np.uint8) for _ in "lr")
-    nothing = np.full(left.shape, -1.0, np.float32)
-    marks = mark_unmeasured(np.zeros(left.shape, np.uint16), nothing, left, right, limits or SmoothLimits())
-    return float((marks[: horizon - 10, 20:-20] == TEXTURELESS_MM).mean())
+    return float(textureless(image, image, limits, noise_grey)[: horizon - 10, 20:-20].mean())
 
 
 @pytest.mark.parametrize("top_loss", [0.0, 0.02, 0.05])
@@ -55,8 +70,30 @@ def test_a_speck_high_in_a_hazy_sky_closes_no_other_columns() -> None:
     rows = np.arange(HEIGHT)[:, None]
     image = np.repeat(np.where(rows < 120, 200.0 - 0.12 * np.clip(120.0 - rows, 0.0, 60.0), 70.0), WIDTH, axis=1)
     image[40:42, 118:121] = 120.0
-    rng = np.random.default_rng(3)
-    left, right = (np.clip(np.rint(image + rng.standard_normal(image.shape)), 0, 255).astype(np.uint8) for _ in "lr")
-    nothing = np.full(left.shape, -1.0, np.float32)
-    marks = mark_unmeasured(np.zeros(left.shape, np.uint16), nothing, left, right, SmoothLimits())
-    assert (marks[60:110, np.r_[20:108, 130:220]] == TEXTURELESS_MM).mean() > 0.95
+    assert textureless(image, image)[60:110, np.r_[20:108, 130:220]].mean() > 0.95
+
+
+@pytest.mark.parametrize("noise_grey", [1.5, 2.5])
+@pytest.mark.parametrize("greys", [(80.0, 50.0), (60.0, 42.0), (45.0, 32.0)])
+def test_the_noise_of_a_dim_face_is_no_change(greys: tuple[float, float], noise_grey: float) -> None:
+    """The noise of most columns was more than 0.6 % of the brightness, in one direction or the other: up to 94 % of it was sky."""
+    assert sky_share(0.0, greys=greys, noise_grey=noise_grey) < 0.01
+
+
+def test_a_dim_clear_sky_stays() -> None:
+    assert sky_share(0.06, greys=(45.0, 32.0), noise_grey=2.0) > 0.9
+
+
+@pytest.mark.parametrize("change_grey", [-0.1, 0.2])
+def test_a_face_of_uneven_light_beside_a_sky_of_one_brightness_is_no_sky(change_grey: float) -> None:
+    """A near outline with a step of brightness separates them: one is a thing. When the sky was removed first, the face stayed sky."""
+    rows = np.arange(HEIGHT)[:, None]
+
+    def image(shift: int) -> Floats:
+        """The face begins `shift` columns farther to the left."""
+        grey = np.full((HEIGHT, WIDTH), 180.0)
+        grey[:, WIDTH // 2 - shift :] = 130.0 + change_grey * (rows - 120)
+        grey[120:] = 80.0
+        return grey
+
+    assert not textureless(image(0), image(8))[20:100].any()
