@@ -28,16 +28,17 @@ def columns_without_gradient(even: Mask, left: Gray, rise_px: int, noise_grey: f
     """(W,) columns in which the smooth pixels below the upper border have one brightness over the lowest `rise_px` rows: most columns
     around do not get brighter, and most do not get darker.
 
-    Columns with fewer smooth rows are not judged. even: (H, W) whether a pixel is smooth; left: (H, W) uint8; noise_grey: standard
-    deviation of its noise, grey levels."""
+    Columns with fewer smooth rows are judged by those that there are, with less than half of them not at all. even: (H, W) whether a
+    pixel is smooth; left: (H, W) uint8; noise_grey: standard deviation of its noise, grey levels."""
     first = np.where((~even).any(axis=0), np.argmax(~even, axis=0), even.shape[0])
     low = first - _EDGE_ROWS - _MEAN[1] // 2
-    high = low - rise_px
-    valid = high >= _MEAN[1] // 2
+    high = np.maximum(low - rise_px, _MEAN[1] // 2)
+    valid = low - high >= 0.5 * rise_px
     columns = np.flatnonzero(valid)
     mean = cv2.boxFilter(left, cv2.CV_32F, _MEAN)
     lower, upper = mean[low[valid], columns], mean[high[valid], columns]
-    least = np.maximum(_LEAST_CHANGE * lower, _LEAST_SIGMAS * noise_grey)
+    share = _LEAST_CHANGE * (low - high)[valid] / rise_px
+    least = np.maximum(share * lower, _LEAST_SIGMAS * noise_grey)
     brighter, darker = np.zeros((2, len(valid)), np.float32)
     brighter[columns], darker[columns] = lower - upper >= least, upper - lower >= least
     most = np.maximum(_along(brighter), _along(darker))

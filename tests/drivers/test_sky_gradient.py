@@ -61,8 +61,20 @@ def test_the_height_of_the_comparison_is_an_angle() -> None:
 
 
 def test_a_sky_too_low_to_be_compared_stays() -> None:
-    """Core requires 5 degrees of it."""
-    assert sky_share(0.0, horizon=30) > 0.5
+    """Core requires 5 degrees of it, 31 rows and more."""
+    assert sky_share(0.0, horizon=20) > 0.5
+
+
+@pytest.mark.parametrize("horizon", [28, 32, 36])
+def test_a_low_face_is_compared_over_the_rows_there_are(horizon: int) -> None:
+    """Pitched down, an image of 320 x 200 shows 23 rows of 5 degrees of sky, 2 fewer than were compared: a slab was open."""
+    assert sky_share(0.0, horizon=horizon) == 0.0
+    assert sky_share(0.03, horizon=horizon) > 0.8
+
+
+@pytest.mark.parametrize("change", [-0.003, 0.003])
+def test_a_face_that_hardly_changes_is_no_sky(change: float) -> None:
+    assert sky_share(change) == 0.0
 
 
 def test_a_speck_high_in_a_hazy_sky_closes_no_other_columns() -> None:
