@@ -87,7 +87,7 @@ def limits_of(f_px: float, baseline_m: float) -> SmoothLimits:
     deeper = min(1.0, f_px * baseline_m / _TUNED_F_B_PX_M)
     return replace(
         tuned,
-        rise_px=round(tuned.rise_px * f_px / _TUNED_F_PX),
+        rise_px=max(1, round(tuned.rise_px * f_px / _TUNED_F_PX)),
         near_px=tuned.near_px * deeper,
         far_px=tuned.far_px * deeper,
     )
