@@ -1,4 +1,4 @@
-"""The path of the guard: free space and obstacles of one decision, each told from those beside the path."""
+"""The path of the guard: free space and obstacles of one decision, not those beside the path."""
 
 from __future__ import annotations
 
