@@ -54,8 +54,8 @@ def looked_into(info: CameraInfo, avoid: AvoidParams, hidden: NDArray[np.bool_] 
     """Returns what a camera covers.
 
     It is determined by the rays of the image through the height band at near_m or farther; by all rays if there are
-    none, and then it covers no height. A camera beside or before the middle of the vehicle has its rays in other sectors at near_m than far away: a part is
-    covered wholly only if it is at all ranges.
+    none, and then it covers no height. A camera beside or before the middle of the vehicle has its rays in other
+    sectors at near_m than far away: a part is covered wholly only if it is at all ranges.
 
     Args:
         info: description of the camera.

@@ -84,9 +84,8 @@ class ObstacleReportBuilder:
         self._infos: dict[str, CameraInfo] = {}
         self._coverage: dict[str, Coverage] = {}
         self._everywhere = everywhere(avoid)
-        self._covered: tuple[tuple[str, ...], CoveredSectors] | None = (
-            None  # by these seeing cameras; None: not computed
-        )
+        # the seeing cameras, and the sectors for them; None: not computed
+        self._covered: tuple[tuple[str, ...], CoveredSectors] | None = None
         self._recovery = Recovery(seen.cameras, avoid.recover_frames)
         self._policy = BlindPolicy(avoid)
         self._memory = ObstacleMemory(avoid)
