@@ -44,12 +44,14 @@ class Arrivals:
     """Instants between which a message has arrived. A read after a pause also returns what arrived during the pause."""
 
     def __init__(self) -> None:
-        self._newest_ns: int | None = None  # newest read
+        self._newest_ns: int | None = None  # newest read with bytes
         self._before_ns = 0  # newest read before the pause
         self._until_ns = 0  # what is read until then may have arrived during the pause
 
     def earliest_ns(self, read_ns: int) -> int:
-        """Returns the earliest instant at which bytes that are read now can have arrived. Must be called with each read."""
+        """Returns the earliest instant at which bytes that are read now can have arrived. Called for each read that returns
+        bytes: a link that was silent for longer than PAUSE_NS counts as a pause too, so that the instant is too early, never
+        too late."""
         newest_ns, self._newest_ns = self._newest_ns, read_ns
         if newest_ns is not None and read_ns - newest_ns > PAUSE_NS:
             if newest_ns >= self._until_ns:  # otherwise the buffer may still hold messages of the pause before

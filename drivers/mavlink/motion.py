@@ -65,7 +65,7 @@ class MotionDecoder:
         self._local_ns: int | None = None
         self._locals_since = 0  # the newest ODOMETRY
         self._repeats = {kind: RepeatedAttitude() for kind in (ATTITUDE_ID, ATTITUDE_QUATERNION_ID)}
-        self._held = {kind: RepeatedPosition() for kind in (LOCAL_POSITION_NED_ID, ODOMETRY_ID)}
+        self._positions = {kind: RepeatedPosition() for kind in (LOCAL_POSITION_NED_ID, ODOMETRY_ID)}
         self._repeated_ns: int | None = None  # arrival of the newest attitude of a kind that repeats itself
         self.counts: Counter[LinkAnomaly] = Counter()
 
@@ -161,7 +161,7 @@ class MotionDecoder:
             return None
         self._local_ns = arrival_ns
         self._locals_since += 1
-        if self._is_held(LOCAL_POSITION_NED_ID, boot_ns, numbers):
+        if self._repeats_position(LOCAL_POSITION_NED_ID, boot_ns, numbers):
             return None
         if _recent(self._odometry_ns, arrival_ns) and self._locals_since <= MOST_BETWEEN:
             return None
@@ -190,18 +190,18 @@ class MotionDecoder:
         if slower:
             self._odometry_ns = None
             return None
-        if self._is_held(ODOMETRY_ID, boot_ns, (*position, float(m.vx), float(m.vy), float(m.vz))):
+        if self._repeats_position(ODOMETRY_ID, boot_ns, (*position, float(m.vx), float(m.vy), float(m.vz))):
             return None
         self._odometry_ns = arrival_ns
         return PoseSample(
             t_ns, arrival_ns, position, _odometry_velocity(m), int(m.reset_counter), self._stamp_error_ns()
         )
 
-    def _is_held(self, kind: int, boot_ns: int, numbers: tuple[float, ...]) -> bool:
+    def _repeats_position(self, kind: int, boot_ns: int, numbers: tuple[float, ...]) -> bool:
         """Takes a position and velocity that are used otherwise; returns whether they repeat those before."""
-        held = self._held[kind].take(boot_ns, numbers)
-        self.counts[LinkAnomaly.POSITION_REPEATED] += held
-        return held
+        refused = self._positions[kind].take(boot_ns, numbers)
+        self.counts[LinkAnomaly.POSITION_REPEATED] += refused
+        return refused
 
 
 def motion_fields(frame: Frame) -> tuple[float, ...] | None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import Any
 
 from companion.autopilot.obstacle_memory import Here, Remembered, nothing_remembered
 from companion.autopilot.polar_histogram import Recall
@@ -77,10 +78,10 @@ SIGHT = PathSight(
 )
 
 
-def later(ms: int, **changes: object) -> PathSight:
+def later(ms: int, **changes: Any) -> PathSight:
     """A sight so much later, at 5 m/s."""
     at = replace(SIGHT, t_ns=T_NS + ms * MS, exposed_ns=T_NS + (ms - 50) * MS, position_ned_m=(0.005 * ms, 0.0, -3.0))
-    return replace(at, **changes)  # type: ignore[arg-type]
+    return replace(at, **changes)
 
 
 def action(*sights: PathSight, after_ms: int = 0) -> Action:

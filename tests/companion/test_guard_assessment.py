@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import Any
 
 import pytest
 from hypothesis import given
@@ -264,10 +265,10 @@ def test_slowly_into_the_unseen_but_not_into_an_obstacle() -> None:
         ({"exposed_ns": None}, False),
     ],
 )
-def test_whether_the_path_is_seen(changes: dict[str, object], sees: bool) -> None:
+def test_whether_the_path_is_seen(changes: dict[str, Any], sees: bool) -> None:
     """Also a direction to which no camera looks is not seen."""
     assessor = PathAssessor(GUARD, BRAKING, AVOID)
-    assessor.take(replace(SIGHT, **changes))  # type: ignore[arg-type]
+    assessor.take(replace(SIGHT, **changes))
     verdict = assessor.verdict(T_NS)
     assert verdict is not None
     assert verdict.sees is sees

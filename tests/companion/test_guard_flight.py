@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -50,8 +51,8 @@ def mission(
     )
 
 
-def flown(autopilot: str, guard: GuardParams = GUARD, avoid: AvoidParams | None = COARSE, **changes: object) -> Flown:
-    return fly(mission(autopilot, **changes), WIDTH, guard, times_reactions=False, avoid=avoid)  # type: ignore[arg-type]
+def flown(autopilot: str, guard: GuardParams = GUARD, avoid: AvoidParams | None = COARSE, **changes: Any) -> Flown:
+    return fly(mission(autopilot, **changes), WIDTH, guard, times_reactions=False, avoid=avoid)
 
 
 @pytest.mark.parametrize(

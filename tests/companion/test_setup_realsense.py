@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 import types
 from dataclasses import replace
+from importlib.machinery import ModuleSpec
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -68,7 +69,7 @@ def library(*serials: str) -> types.ModuleType:
         for s in serials
     ]
     module = types.ModuleType("pyrealsense2")
-    module.__spec__ = SimpleNamespace(name="pyrealsense2")  # type: ignore[assignment]
+    module.__spec__ = ModuleSpec("pyrealsense2", loader=None)
     for name, value in {
         "context": lambda: SimpleNamespace(query_devices=lambda: devices),
         "camera_info": SimpleNamespace(serial_number="serial_number", asic_serial_number="asic_serial_number"),

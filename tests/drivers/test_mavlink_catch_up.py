@@ -131,7 +131,7 @@ def test_noise_is_left_to_the_links_own_thread() -> None:
         link.catch_up()
         assert link.status().counts == {"noise_bytes": 6000}
         with link._turn:
-            link.catch_up()  # whoever has a frame does not wait for a thread that is at it
+            link.catch_up()  # does not wait for a thread that reads the link
     finally:
         line.close()
 
