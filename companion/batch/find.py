@@ -89,7 +89,8 @@ def plan_clips(dataset: str, hits: Iterable[Hit], folder: Path, before_s: float,
     it ends where the log was rotated. Raises ValueError for hits of another dataset."""
     rows = read_rows(open_table(dataset, "flights"), f"{dataset}/flights", ["vehicle", "flight", "files", "begin_ns"])
     flights = {(row["vehicle"], row["flight"]): row for row in rows}
-    clips = []
+    clips: list[Clip] = []
+    taken: set[Path] = set()
     for (vehicle, flight, file), group in itertools.groupby(hits, key=lambda h: (h.vehicle, h.flight, h.file)):
         row = flights.get((vehicle, flight))
         if row is None or not 0 <= file < len(row["files"]):
@@ -99,9 +100,20 @@ def plan_clips(dataset: str, hits: Iterable[Hit], folder: Path, before_s: float,
         spans = [(h.begin_ns - round(before_s * NS), h.end_ns + round(after_s * NS)) for h in group]
         for begin_ns, end_ns in merged(spans):
             flight_s = 0.0 if row["begin_ns"] is None else (begin_ns - row["begin_ns"]) / NS
-            name = f"{safe_name(vehicle)}_{safe_name(flight)}_{max(0.0, flight_s):09.3f}s.mcap"
-            clips.append(Clip(vehicle, flight, row["files"][file], begin_ns, end_ns, flight_s, folder / name))
+            name = f"{safe_name(vehicle)}_{safe_name(flight)}_{max(0.0, flight_s):09.3f}s"
+            output = _free_name(folder, name, taken)
+            taken.add(output)
+            clips.append(Clip(vehicle, flight, row["files"][file], begin_ns, end_ns, flight_s, output))
     return clips
+
+
+def _free_name(folder: Path, name: str, taken: set[Path]) -> Path:
+    """The path of a clip. Clips of two files of a flight can begin at the same time, before its first frame: the second one
+    gets a number."""
+    output, number = folder / f"{name}.mcap", 2
+    while output in taken:
+        output, number = folder / f"{name}-{number}.mcap", number + 1
+    return output
 
 
 def cut_clips(clips: list[Clip], found: Found) -> None:

@@ -149,6 +149,20 @@ def test_a_filter_finds_frames_of_the_right_file(dataset: Path, tmp_path: Path) 
     assert [assert_replays_equally(clip) for clip in clips] == [1, 1]
 
 
+def test_two_clips_that_begin_with_the_flight_are_both_kept(dataset: Path, tmp_path: Path) -> None:
+    """The time before a hit reached back to the begin of the flight from its second file too: the second clip replaced the
+    first."""
+    wanted = '[["flight", "=", "20261101-100000"], ["sequence", "in", [2, 8]]]'
+    assert main(["find", str(dataset), wanted, "-o", str(tmp_path), "--before", "2", "--after", "0.06"]) == 0
+    first, second = sorted(tmp_path.glob("*.mcap"), key=lambda clip: frames_of(clip)[0])
+    assert 2 in frames_of(first)
+    assert 8 in frames_of(second)
+    assert [path.name for path in (first, second)] == [
+        "alpha_20261101-100000_00000.000s.mcap",
+        "alpha_20261101-100000_00000.000s-2.mcap",
+    ]
+
+
 def test_a_clip_begins_with_the_flight(dataset: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Two seconds before the first frame were printed as a part of the clip that begins at -2.0 s."""
     wanted = '[["flight", "=", "20261101-100000"], ["sequence", "in", [0]]]'
