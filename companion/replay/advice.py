@@ -100,8 +100,8 @@ def advice_of(tally: ViewTally, frames: int, attitude_dropped: int, attitude_hz:
                 AdviceCode.NOTHING_FREE,
                 f"at the camera's height no direction is free for a metre in {tally.nothing_free} of {n} valid frames, and "
                 f"{tally.mean_free_share:.0%} of the directions on average: a layer ({tally.layer_m:.1f} m high) is free only as "
-                "a whole, and close objects hide what is behind them. For rooms take the values of configs/indoor.toml "
-                "(`companion replay -c`)",
+                "a whole, and close objects hide what is behind them. For rooms: `companion configs indoor` copies a "
+                "configuration for `companion replay -c indoor.toml`",
             )
         )
     if tally.ground_seen <= (1.0 - MOSTLY) * n and tally.mean_measured_share >= MEASURED:

@@ -79,7 +79,7 @@ def test_a_replay_reports_it(shared_data: Path, tmp_path: Path, capsys: pytest.C
     output = capsys.readouterr().out
     assert "87% of the pixels measured; at the camera's height 0% of the directions free" in output
     assert "warning: at the camera's height no direction is free for a metre in 5 of 5 valid frames" in output
-    assert "configs/indoor.toml" in output
+    assert "`companion configs indoor`" in output
     assert main(["replay", str(log), "--json"]) == 0
     report = json.loads(capsys.readouterr().out)
     assert [a["code"] for a in report["advice"]] == ["nothing_free"]
