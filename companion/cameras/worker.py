@@ -48,8 +48,10 @@ def shortened(cause: str) -> str:
 
 def description(section: CameraConfig, source: DepthSource) -> CameraInfo:
     """The description of an opened camera, with the configured values. A configured bias_per_m does not lower that of a camera which
-    the driver finds misaligned: it may be older. Raises ValueError."""
+    the driver finds misaligned: it may be older. Nor does a configured min_range_m lower the least depth that the driver can measure.
+    Raises ValueError."""
     info = section.applied_to(source.info)
+    info = dataclasses.replace(info, min_range_m=max(info.min_range_m, source.info.min_range_m))
     if source.notice:
         info = dataclasses.replace(info, bias_per_m=max(info.bias_per_m, source.info.bias_per_m))
     return info

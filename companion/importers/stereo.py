@@ -5,6 +5,7 @@ SN<serial>.conf lies in the same folder."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -15,7 +16,7 @@ from core.types import CameraInfo
 from drivers.base import BadData
 from drivers.cameras.row_alignment import RowAlignment
 from drivers.cameras.row_check import matched_corners
-from drivers.cameras.stereo import MatchParams, StereoDepth
+from drivers.cameras.stereo import MatchParams, StereoDepth, nearest_m
 from drivers.cameras.stereo_errors import bias_coefficient, noise_coefficient
 from drivers.cameras.zed_calibration import load_zed_calibration
 from drivers.cameras.zed_uvc import DISPARITY_SIGMA_PX, halves
@@ -61,11 +62,12 @@ class StereoImages:
             ke_per_m=noise_coefficient(DISPARITY_SIGMA_PX, *optics),
             bias_per_m=bias_coefficient(self._stereo.intrinsics, optics[1], row_error_px),
         )
-        self.info = c.applied_to(info)
-        nearest_m = self._stereo.intrinsics.fx * self._stereo.baseline_m / c.disparities
+        nearest = nearest_m(optics[0] * optics[1], match.searched)
+        info = c.applied_to(info)
+        self.info = replace(info, min_range_m=max(info.min_range_m, nearest))
         report.note(
             f"stereo pairs matched with {calibration.name}: {width}x{height} px, baseline "
-            f"{1000 * self._stereo.baseline_m:.0f} mm, {c.disparities} disparities (nearest {nearest_m:.2f} m); rows of the "
+            f"{1000 * self._stereo.baseline_m:.0f} mm, {c.disparities} disparities (nearest {nearest:.2f} m); rows of the "
             f"images aligned by up to {self._stereo.rotation.greatest_row_px(self._stereo.intrinsics):.2f} px"
         )
 

@@ -34,7 +34,7 @@ from .oak_pipeline import (
 )
 from .oak_view import SAME_INTRINSICS_PX, check_view
 from .row_alignment import RowAlignment
-from .stereo import Gray, StereoMatcher
+from .stereo import Gray, StereoMatcher, nearest_m
 from .stereo_errors import bias_coefficient, noise_coefficient
 from .torn_images import one_repeats
 
@@ -369,7 +369,7 @@ class OakSource:
         return CameraInfo(
             self.settings.camera,
             intrinsics,
-            min_range_m=self.settings.min_range_m,
+            min_range_m=max(self.settings.min_range_m, nearest_m(optics[0] * optics[1], self.settings.searched)),
             max_range_m=self.settings.max_range_m,
             ke_per_m=noise_coefficient(DISPARITY_SIGMA_PX, *optics),
             marks_smooth=self.settings.host_matching and self.settings.match.mark_smooth,

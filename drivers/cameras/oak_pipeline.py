@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from dataclasses import dataclass, field
 from datetime import timedelta
-from typing import Any, Protocol
+from typing import Any, Final, Protocol
 
 from ..base import DeviceNotFound
 from ..optional_library import install_command
@@ -31,6 +31,10 @@ for _name, _value in (
 
 DEPTH, LEFT, RIGHT = "depth", "left", "right"
 """Names of the streams: depth, and the rectified images."""
+
+
+SEARCHED: Final = 96
+"""Number of disparities that the device searches, from 0 on."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -68,6 +72,11 @@ class OakSettings:
         return (DEPTH, LEFT, RIGHT) if needs_images(self.match) else (DEPTH,)
 
     @property
+    def searched(self) -> int:
+        """Number of disparities that are searched, from 0 on."""
+        return self.match.searched if self.host_matching else SEARCHED
+
+    @property
     def same_exposure_s(self) -> float:
         """Stamps of one exposure differ by less. Exposures are a period apart; those of both cameras need not be at one instant."""
         return 0.4 / self.fps
@@ -89,11 +98,17 @@ def configure(config: Any, confidence: int) -> None:
     """Sets a dai.StereoDepthConfig. confidence: disparities of a higher confidence are accepted, the others have no depth.
     In DepthAI 2 a low value meant high confidence, in DepthAI 3 a high one does (its commit ab4e2ddd4); 55 is its default.
 
-    Nothing is filled, smoothed or decimated: that would create depths where no surface is. What only an OAK4 (RVC4) does has
-    no effect on other devices."""
+    Nothing is filled, smoothed, decimated or kept from earlier frames: that would create depths where no surface is. All that could
+    do so is set here, since the defaults of the library change from version to version, and its profiles switch most of it on. What
+    only an OAK4 (RVC4) does has no effect on other devices."""
     import depthai as dai
 
     control = dai.StereoDepthConfig.AlgorithmControl
+    config.algorithmControl.disparityShift = 0
+    config.costMatching.disparityWidth = dai.StereoDepthConfig.CostMatching.DisparityWidth.DISPARITY_96  # SEARCHED
+    config.costMatching.enableCompanding = False
+    config.costMatching.invalidDisparityValue = 0
+    config.setExtendedDisparity(False)
     config.setConfidenceThreshold(confidence)
     # an OAK4 applies the threshold by software, and only where it is switched on
     config.costMatching.enableSwConfidenceThresholding = True
@@ -103,9 +118,14 @@ def configure(config: Any, confidence: int) -> None:
     config.setDepthAlign(control.DepthAlign.RECTIFIED_LEFT)
     config.setDepthUnit(control.DepthUnit.MILLIMETER)
     config.setMedianFilter(dai.StereoDepthConfig.MedianFilter.MEDIAN_OFF)
+    processing = config.postProcessing
     # both are on by default: pixels of little confidence would get the mean disparity of their surroundings
-    config.postProcessing.holeFilling.enable = False
-    config.postProcessing.adaptiveMedianFilter.enable = False
+    processing.holeFilling.enable = False
+    processing.adaptiveMedianFilter.enable = False
+    processing.spatialFilter.enable = False
+    processing.temporalFilter.enable = False
+    processing.decimationFilter.decimationFactor = 1
+    processing.bilateralSigmaValue = 0
 
 
 def synchronised(pipeline: Any, outputs: dict[str, Any], same_exposure_s: float) -> Any:

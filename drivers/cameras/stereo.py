@@ -80,6 +80,11 @@ class MatchParams:
     def __post_init__(self) -> None:
         check("stereo", self)
 
+    @property
+    def searched(self) -> int:
+        """Number of disparities that are searched, from 0 on."""
+        return -(-self.disparities // 16) * 16
+
 
 class StereoDepth:
     """Depth of raw pairs of one calibration. Not for two threads at once."""
@@ -179,7 +184,7 @@ def matcher(params: MatchParams) -> cv2.StereoSGBM:
     block = params.block_px | 1
     return cv2.StereoSGBM.create(
         minDisparity=0,
-        numDisparities=-(-params.disparities // 16) * 16,
+        numDisparities=params.searched,
         blockSize=block,
         P1=2 * block * block,
         P2=16 * block * block,
@@ -207,6 +212,12 @@ def compute_disparity(sgbm: cv2.StereoSGBM, left: Gray, right: Gray, params: Mat
     other = np.take_along_axis(back, np.clip(there, 0, left.shape[1] - 1), axis=1)
     agreed = inside & (other >= 0.0) & (np.abs(other - found) <= params.check_px)
     return refined(left, right, np.where(agreed, found, np.float32(-1.0)))
+
+
+def nearest_m(f_b_px_m: float, searched: int) -> float:
+    """Least depth that a search finds, Z = f B / d of its greatest disparity. f_b_px_m: focal length times baseline; searched: number
+    of disparities, from 0 on."""
+    return f_b_px_m / (searched - 1)
 
 
 def depth_mm(disparity: NDArray[np.float32], f_b_px_m: float) -> NDArray[np.uint16]:

@@ -20,7 +20,7 @@ from ..base import BadData, DeviceLost, DeviceNotFound
 from .kernel_stamps import KernelStamps
 from .pair_video import DeviceVideo, FileVideo, PairVideo, pair_format
 from .row_alignment import RowAlignment
-from .stereo import MatchParams, StereoDepth
+from .stereo import MatchParams, StereoDepth, nearest_m
 from .stereo_errors import bias_coefficient, noise_coefficient
 from .torn_images import TornImageCheck
 from .zed_calibration import StereoCalibration, load_zed_calibration
@@ -96,7 +96,7 @@ class ZedSource:
         return CameraInfo(
             s.camera,
             stereo.intrinsics,
-            min_range_m=s.min_range_m,
+            min_range_m=max(s.min_range_m, nearest_m(optics[0] * optics[1], s.match.searched)),
             max_range_m=s.max_range_m,
             ke_per_m=noise_coefficient(DISPARITY_SIGMA_PX, *optics),
             marks_smooth=s.match.mark_smooth,

@@ -55,6 +55,16 @@ def test_a_configured_bias_does_not_hide_that_a_camera_is_misaligned(
     assert description(section, Source(notice)).bias_per_m == expected_per_m
 
 
+@pytest.mark.parametrize(("configured_m", "expected_m"), [(None, 0.7), (0.4, 0.7), (1.0, 1.0)])
+def test_a_configured_range_begins_at_the_least_depth_that_the_driver_can_measure(
+    configured_m: float | None, expected_m: float
+) -> None:
+    """Of an OAK at 1280 x 800, whose search of 96 disparities ends at 0.7 m."""
+    section = replace(CameraConfig(name="front", kind="oak"), min_range_m=configured_m)
+    source = Source("", replace(INFO, min_range_m=max(0.7, configured_m or 0.0)))
+    assert description(section, source).min_range_m == expected_m
+
+
 def test_the_cause_of_a_loss_is_reported_before_the_camera_is_closed(monkeypatch: pytest.MonkeyPatch) -> None:
     """The library of a lost device may wait for it for ever: the cause was then never reported."""
     reader = FrameReader("front")

@@ -18,7 +18,7 @@ import pytest
 from companion.config.camera import CameraConfig
 from drivers.base import BadData, DeviceLost, DeviceNotFound
 from drivers.cameras.oak import OakSource
-from drivers.cameras.oak_pipeline import OakSettings, configure
+from drivers.cameras.oak_pipeline import SEARCHED, OakSettings, configure
 from tests.waiting import until
 
 from .oak_host import DEVICE_ALONE, HEIGHT, MATRIX, WIDTH, HostLink, depth_message, stamp_ns
@@ -56,6 +56,17 @@ def test_frames_come_with_intrinsics_stamps_and_millimetres() -> None:
     finally:
         source.close()
         source.close()
+
+
+@pytest.mark.parametrize(("baseline_m", "least_m"), [(0.075, 0.4), (2.0, MATRIX[0][0] * 2.0 / (SEARCHED - 1))])
+def test_the_range_begins_at_the_greatest_disparity_that_the_device_searches(baseline_m: float, least_m: float) -> None:
+    """Of a wide image or a wide baseline this is more than min_range_m: 0.7 m at 1280 x 800."""
+    link = HostLink(depth_message)
+    link.baseline_m = baseline_m
+    source = OakSource(SETTINGS, link)
+    source.open()
+    assert source.info.min_range_m == pytest.approx(least_m)
+    source.close()
 
 
 def test_a_slow_reader_gets_the_newest_frame() -> None:
@@ -206,6 +217,43 @@ def test_the_device_accepts_confident_pixels_and_invents_none() -> None:
     assert control.depthUnit == dai.StereoDepthConfig.AlgorithmControl.DepthUnit.MILLIMETER
     assert control.enableLeftRightCheck
     assert control.enableSubpixel
+
+
+def test_no_filter_of_a_profile_of_the_library_stays_on() -> None:
+    """What the profile DEFAULT of an RVC2 switches on (StereoDepth::setRvc2ProfilePreset, DepthAI 3.4), and what else could give a
+    depth that is not measured in the frame: a filter over time fills holes with earlier values, smoothing and companding invent some,
+    an extended or shifted search gives near surfaces a far depth and far ones a near depth."""
+    config = dai.StereoDepthConfig()
+    config.setExtendedDisparity(True)
+    config.setDisparityShift(48)
+    config.setDepthUnit(dai.StereoDepthConfig.AlgorithmControl.DepthUnit.CENTIMETER)
+    config.setMedianFilter(dai.StereoDepthConfig.MedianFilter.KERNEL_7x7)
+    config.costMatching.disparityWidth = dai.StereoDepthConfig.CostMatching.DisparityWidth.DISPARITY_64
+    config.costMatching.enableCompanding = True
+    config.costMatching.invalidDisparityValue = 1
+    processing = config.postProcessing
+    processing.decimationFilter.decimationFactor = 2
+    processing.bilateralSigmaValue = 10
+    for name in ("spatialFilter", "temporalFilter", "holeFilling", "adaptiveMedianFilter"):
+        getattr(processing, name).enable = True
+    configure(config, 55)
+    fresh = dai.StereoDepthConfig()
+    configure(fresh, 55)
+    for part in ("algorithmControl", "costMatching", "postProcessing"):
+        assert values_of(getattr(config, part)) == values_of(getattr(fresh, part))
+    assert not processing.temporalFilter.enable
+    assert processing.decimationFilter.decimationFactor == 1
+    assert not config.algorithmControl.enableExtended
+    assert config.algorithmControl.disparityShift == 0
+    assert config.costMatching.disparityWidth.name == f"DISPARITY_{SEARCHED}"
+
+
+def values_of(settings: object) -> dict[str, object]:
+    """The fields of a part of the library's settings, by name."""
+    fields = {name: getattr(settings, name) for name in dir(settings) if not name.startswith("_")}
+    values = {name: value for name, value in fields.items() if not callable(value)}
+    plain = (bool, int, float, str, list, type(None))
+    return {k: v if isinstance(v, plain) or hasattr(v, "name") else values_of(v) for k, v in values.items()}
 
 
 def test_a_high_confidence_is_a_reliable_pixel() -> None:

@@ -73,6 +73,7 @@ def test_the_host_matches_the_rectified_images(marks: bool) -> None:
     source.open()
     try:
         assert source.info.marks_smooth is marks
+        assert source.info.min_range_m == pytest.approx(F_PX * 0.075 / 31)  # of the greatest of 32 disparities
         assert (source.info.intrinsics.width, source.info.intrinsics.fx) == (WIDTH, F_PX)
         frame = source.read(60.0)
         assert frame is not None

@@ -239,3 +239,20 @@ def test_a_video_file_as_the_device(tmp_path: Path) -> None:
 def test_parameters_out_of_range_are_named() -> None:
     with pytest.raises(ValueError, match=r"stereo: disparities = 0: expected 16..512 px"):
         MatchParams(disparities=0)
+
+
+@pytest.mark.parametrize(("disparities", "configured_m"), [(48, 0.5), (40, 0.5), (48, 1.2), (96, 0.3)])
+def test_no_depth_that_the_search_cannot_find_is_stated_as_measurable(disparities: int, configured_m: float) -> None:
+    """Free space relies on it: a thing that is too near to be measured leaves a small hole only, which ends the free range only up
+    to 1.5 times the least range (core/stages/free_holes.py). Before, 0.5 m was stated for every width and number of disparities."""
+    match = MatchParams(disparities=disparities)
+    source = ZedSource(replace(SETTINGS, match=match, min_range_m=configured_m), after_opening(), CALIBRATION)
+    source.open()
+    info = source.info
+    source.close()
+    assert info.min_range_m >= configured_m
+    stereo = StereoDepth(CALIBRATION, match)
+    for z_m, can_be_measured in ((1.03 * info.min_range_m, True), (0.9 * info.min_range_m, configured_m > 1.0)):
+        depth_mm = stereo.depth(*pair(CALIBRATION, z_m))[20:-20, disparities + 20 : -20]
+        measured = float(np.mean(np.abs(depth_mm - 1000.0 * z_m) < 50.0 * z_m))
+        assert measured > 0.2 if can_be_measured else measured < 0.01
