@@ -9,7 +9,6 @@ from __future__ import annotations
 import contextlib
 import time
 from collections.abc import Callable
-from datetime import timedelta
 from typing import Any
 
 import numpy as np
@@ -23,6 +22,7 @@ from .clock_correction import SPAN_NS, ClockCorrection
 from .depth_alignment import DepthAlignment
 from .device_matches import confirmed_depth
 from .kernel_stamps import FIRST_NS
+from .oak_images import decoded, half_exposure_ns, middle_ns
 from .oak_pipeline import (
     DEPTH,
     LEFT,
@@ -204,9 +204,9 @@ class OakSource:
         arrival_ns = time.monotonic_ns()
         self._check_view(message)
         first = self._part(message, self.settings.streams[0])
-        exposure_ns = _middle_ns(first)
+        exposure_ns = middle_ns(first)
         if LEFT in self.settings.streams and not first.getExposureTime():  # the image states it, if the depth does not
-            exposure_ns -= _half_exposure_ns(self._part(message, LEFT))
+            exposure_ns -= half_exposure_ns(self._part(message, LEFT))
         # a later frame may be older: the process was stopped, and the frame waited
         oldest_ns = 0 if self._stamped else arrival_ns - FIRST_NS
         if not max(0, oldest_ns) < exposure_ns <= arrival_ns:
@@ -328,15 +328,17 @@ class OakSource:
     def _decoded(self, message: Any, name: str) -> NDArray[Any]:
         """The pixels of an image. Raises BadData."""
         try:
-            return np.asarray(message.getFrame())
-        except RuntimeError as error:  # fewer bytes than the size needs, or an unknown type
+            return decoded(message)
+        except (RuntimeError, ValueError) as error:  # fewer bytes than the size needs, or an unknown type
             raise BadData(
                 f"camera {self.settings.camera}: a {name} image cannot be read ({first_line(error)}). {self._remedy}"
             ) from error
 
     def _pixels(self, message: Any) -> NDArray[np.uint16]:
+        import depthai as dai
+
         pixels = self._decoded(message, DEPTH)
-        if pixels.dtype != np.uint16 or pixels.ndim != 2:
+        if message.getType() != dai.ImgFrame.Type.RAW16 or pixels.dtype != np.uint16 or pixels.ndim != 2:
             raise BadData(
                 f"camera {self.settings.camera}: a frame of type {message.getType()}; expected RAW16, millimetres"
             )
@@ -375,16 +377,3 @@ class OakSource:
             marks_smooth=self.settings.host_matching and self.settings.match.mark_smooth,
             bias_per_m=bias_coefficient(intrinsics, optics[1], self._rows.row_error_px),
         )
-
-
-def _middle_ns(message: Any) -> int:
-    """Mid-exposure on the host's monotonic clock."""
-    import depthai as dai
-
-    stamp: timedelta = message.getTimestamp(dai.CameraExposureOffset.MIDDLE)
-    return (stamp.days * 86_400 + stamp.seconds) * 1_000_000_000 + stamp.microseconds * 1000
-
-
-def _half_exposure_ns(message: Any) -> int:
-    exposure: timedelta = message.getExposureTime()
-    return exposure // timedelta(microseconds=1) * 500

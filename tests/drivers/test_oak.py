@@ -184,6 +184,48 @@ def test_a_frame_without_its_bytes_is_refused() -> None:
     assert not link.running()  # it was closed
 
 
+@pytest.mark.parametrize("lines", [1, HEIGHT // 2, HEIGHT - 1])
+def test_a_frame_with_padded_lines_that_lacks_some_bytes_is_refused(lines: int) -> None:
+    """The library compares the bytes with those of lines without padding, and reads what lies behind them in memory."""
+
+    def padded(number: int) -> dai.ImgFrame:
+        message = depth_message(number)
+        line = bytes(2 * WIDTH) + bytes(64)
+        message.setStride(len(line))
+        message.setData((line * HEIGHT)[: -64 - lines])
+        return message
+
+    with pytest.raises(BadData, match=r"a depth image cannot be read \(\d+ of 7616 bytes\)"):
+        OakSource(SETTINGS, HostLink(padded)).open()
+
+
+def test_padding_at_the_end_of_lines_is_no_part_of_the_image() -> None:
+    def padded(number: int) -> dai.ImgFrame:
+        message = depth_message(number)
+        line = np.full(WIDTH, 1000 + number, np.uint16).tobytes() + bytes(64)
+        message.setStride(len(line))
+        message.setData((line * HEIGHT)[:-64])
+        return message
+
+    source = OakSource(SETTINGS, HostLink(padded))
+    source.open()
+    frame = source.read(60.0)
+    source.close()
+    assert frame is not None
+    assert np.all(frame.depth_mm == 1000 + frame.sequence)
+
+
+@pytest.mark.parametrize("kind", ["RAW10", "RAW12", "RAW14", "GRAYF16"])
+def test_pixels_of_another_type_are_no_millimetres(kind: str) -> None:
+    def other(number: int) -> dai.ImgFrame:
+        message = depth_message(number)
+        message.setType(getattr(dai.ImgFrame.Type, kind))
+        return message
+
+    with pytest.raises(BadData, match=f"a frame of type Type.{kind}; expected RAW16, millimetres"):
+        OakSource(SETTINGS, HostLink(other)).open()
+
+
 @pytest.mark.parametrize("message", [dai.Buffer(), dai.IMUData(), dai.EncodedFrame(), dai.ImgFrame()])
 def test_a_message_of_another_type_names_the_cause(message: dai.ADatatype) -> None:
     with pytest.raises(BadData, match=r"camera front: .* Restart the device"):

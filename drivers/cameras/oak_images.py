@@ -1,0 +1,37 @@
+"""Pixels and exposure times of the images of a Luxonis OAK."""
+
+from __future__ import annotations
+
+from datetime import timedelta
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+def decoded(message: Any) -> NDArray[Any]:
+    """The pixels of a dai.ImgFrame, (H, W) for an image of one channel. Raises ValueError where bytes are missing, and RuntimeError for
+    what the library cannot decode.
+
+    The library compares the number of bytes with that of lines without padding: of padded lines it would read the missing ones from
+    what lies behind them in memory."""
+    line = round(message.getWidth() * message.getBytesPerPixel())
+    least = message.getStride() * (message.getHeight() - 1) + line  # the last line needs no padding
+    found = len(message.getData())
+    if found < least:
+        raise ValueError(f"{found} of {least} bytes")
+    return np.asarray(message.getFrame())
+
+
+def middle_ns(message: Any) -> int:
+    """Mid-exposure of a dai.ImgFrame on the host's monotonic clock."""
+    import depthai as dai
+
+    stamp: timedelta = message.getTimestamp(dai.CameraExposureOffset.MIDDLE)
+    return (stamp.days * 86_400 + stamp.seconds) * 1_000_000_000 + stamp.microseconds * 1000
+
+
+def half_exposure_ns(message: Any) -> int:
+    """Half of the exposure time that a dai.ImgFrame states."""
+    exposure: timedelta = message.getExposureTime()
+    return exposure // timedelta(microseconds=1) * 500
