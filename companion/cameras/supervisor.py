@@ -231,19 +231,23 @@ class CameraSupervisor:
     def _check_identity(self, identity: str) -> None:
         """Raises BadData for another camera than the one that was opened first: its intrinsics and its mount are not known."""
         self._identity = self._identity or identity
-        if identity and identity != self._identity:
+        if identity != self._identity:
+            found = identity or "it states no product and no serial number"
             raise BadData(
-                f"camera {self.section.name}: another camera ({identity}) is connected than at the start ({self._identity}); "
+                f"camera {self.section.name}: another camera ({found}) is connected than at the start ({self._identity}); "
                 "connect that one, or set intrinsics and mount to those of the other and restart the service"
             )
 
     def _handle_frame(self, frame: DepthFrame, now_ns: int, dropped: int) -> None:
         frozen = self._frozen_detector.check(frame)
         now = CameraCondition.FROZEN if frozen else CameraCondition.RUNNING
+        if self._last_cause:  # a report of failure was read together with the frame, and was sent after it
+            now = CameraCondition.LOST
         if not frozen and not self._frozen_detector.repeats:  # a repeated image does not describe the present
             self._on_frame(frame)  # before the status is updated, so that the pipeline's thread wakes up at once
         frames = self._status.frames + 1
-        self._set_condition(now, frozen, frames=frames, dropped=dropped, last_arrival_ns=now_ns, alive_ns=now_ns)
+        cause = self._last_cause or frozen
+        self._set_condition(now, cause, frames=frames, dropped=dropped, last_arrival_ns=now_ns, alive_ns=now_ns)
 
     def _restart_reason(self, now_ns: int, begun_ns: int, opened_ns: int | None, received_ns: int) -> str:
         """Sets the condition SILENT where due; returns why the process has to be restarted, "" if it has not."""

@@ -13,6 +13,7 @@ import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 import pytest
@@ -26,9 +27,10 @@ from companion.config.service import SupervisorParams
 from core.types import (
     CameraInfo,
     DepthFrame,
+    Intrinsics,
 )
 from drivers.base import DepthSource, DeviceLost
-from drivers.cameras.frame_channel import FrameReader
+from drivers.cameras.frame_channel import FrameReader, Notification
 
 from .watched_camera import CAMERA
 
@@ -108,6 +110,57 @@ def test_another_camera_in_the_place_of_the_first_is_not_used(tmp_path: Path, mo
         assert (len(w.infos), w.frames) == (1, [])
         (tmp_path / "is_exchanged").unlink()
         assert w.until(lambda: bool(w.frames))
+
+
+def test_a_camera_that_states_nothing_in_the_place_of_one_that_did_is_not_used(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As a camera on the board that took the name /dev/video0 of one on USB."""
+    monkeypatch.chdir(tmp_path)
+    with Watched(tmp_path, "nameless:0") as w:
+        assert w.until(lambda: bool(w.frames))
+        (tmp_path / "is_nameless").touch()
+        assert w.supervisor.pid is not None
+        os.kill(w.supervisor.pid, signal.SIGKILL)
+        text = "another camera (it states no product and no serial number) is connected than at the start (serial 1)"
+        assert w.until(lambda: text in w.supervisor.status.last_loss)
+        w.frames.clear()
+        assert len(w.infos) == 1
+        (tmp_path / "is_nameless").unlink()
+        assert w.until(lambda: bool(w.frames))
+
+
+def test_the_last_frame_of_a_camera_that_failed_does_not_make_it_run() -> None:
+    """Both are read at once: it was stated as running while its process closed it, for up to 2 s."""
+    frames: list[DepthFrame] = []
+    supervisor = CameraSupervisor(CameraConfig(name="front", kind="simulated"), lambda info: None, frames.append)
+    info = CameraInfo("front", Intrinsics(64, 48, 60.0, 60.0, 32.0, 24.0))
+    depth = np.random.default_rng(0).integers(2000, 3000, (48, 64)).astype(np.uint16)
+    now_ns = time.monotonic_ns()
+    frame = DepthFrame(camera="front", sequence=0, t_exposure_ns=now_ns, t_arrival_ns=now_ns, depth_mm=depth)
+    conditions: list[CameraCondition] = []
+
+    class Reader:
+        """What the process of the camera sends: it opens, delivers a frame and fails; then it closes the camera."""
+
+        dropped = 0
+        batches: ClassVar = [
+            (None, [Notification("opened", {"info": dataclasses.asdict(info)})]),
+            (frame, [Notification("failed", {"cause": "the cable is out"})]),
+            (None, []),
+        ]
+
+        def read(self, timeout_s: float) -> tuple[DepthFrame | None, list[Notification]]:
+            conditions.append(supervisor.status.condition)
+            if not self.batches:
+                raise DeviceLost("its process has ended")
+            return self.batches.pop(0)
+
+    with pytest.raises(DeviceLost):
+        supervisor._watch(Reader())
+    assert conditions[2:] == [CameraCondition.LOST] * 2
+    assert supervisor.status.cause == "the cable is out"
+    assert [f.sequence for f in frames] == [0]  # it was taken before the failure
 
 
 def test_a_process_that_cannot_be_started_is_tried_again(tmp_path: Path) -> None:

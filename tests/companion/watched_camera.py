@@ -18,7 +18,9 @@ CAMERA = textwrap.dedent("""
     info = CameraInfo("front", Intrinsics(64, 48, 60.0, 60.0, 32.0, 24.0))
     notice = "the rows differ" if habit == "misaligned" and not os.path.exists("was_open") else ""
     exchanged = habit == "exchanged" and os.path.exists("is_exchanged")
-    identity = "serial 2" if exchanged else "serial 1" if habit == "exchanged" else ""
+    identity = "serial 2" if exchanged else "serial 1" if habit in ("exchanged", "nameless") else ""
+    if habit == "nameless" and os.path.exists("is_nameless"):
+        identity = ""
     writer.send("opened", info=asdict(info), notice=notice, identity=identity)
     depth = np.full((48, 64), 3000, np.uint16)
     for k in range(1 << 30):
