@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from ..base import DeviceLost, DeviceNotFound
 from .kernel_capture import Capture, CaptureFormat, LinuxpyCapture, RawBuffer
+from .video_identity import VideoIdentity
 from .whole_buffers import WholeBuffers
 
 _HINT = "; set width_px and height_px to a format of the camera"
@@ -23,9 +24,9 @@ StampedImage = tuple[NDArray[np.uint8], int]
 
 
 class PairVideo(Protocol):
-    """An opened device or file. identity: see `DepthSource.identity`."""
+    """An opened device or file. identity: of the device, empty for a file."""
 
-    identity: str
+    identity: VideoIdentity
 
     def read(self, timeout_s: float) -> StampedImage | None:
         """The newest image, None after timeout_s. Raises DeviceLost, and BadData where images always arrive in part."""
@@ -42,7 +43,7 @@ class DeviceVideo:
     def __init__(self, wanted: CaptureFormat, connect: Callable[[CaptureFormat], Capture] = LinuxpyCapture) -> None:
         self._wanted = wanted
         self._buffers = WholeBuffers(wanted, connect)
-        self.identity = str(self._buffers.identity())
+        self.identity = self._buffers.identity()
 
     def read(self, timeout_s: float) -> StampedImage | None:
         """See PairVideo."""
@@ -57,7 +58,7 @@ class DeviceVideo:
 class FileVideo:
     """Images of a file, stamped as they are read. Raises DeviceNotFound."""
 
-    identity = ""
+    identity = VideoIdentity()
 
     def __init__(self, camera: str, path: str) -> None:
         self._name = f"camera {camera}: {path}"

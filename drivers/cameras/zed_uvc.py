@@ -24,6 +24,7 @@ from .stereo import MatchParams, StereoDepth, nearest_m
 from .stereo_errors import bias_coefficient, noise_coefficient
 from .torn_images import TornImageCheck
 from .zed_calibration import StereoCalibration, load_zed_calibration
+from .zed_serials import refuse_other_calibration
 
 DISPARITY_SIGMA_PX = 0.3
 """Prior of the matching noise; the extractor measures the actual noise."""
@@ -111,7 +112,7 @@ class ZedSource:
     @property
     def identity(self) -> str:
         """See `DepthSource.identity`."""
-        return "" if self._video is None else self._video.identity
+        return "" if self._video is None else str(self._video.identity)
 
     def open(self) -> None:
         """Opens the device, reads its first images, checks the calibration with them and aligns their rows, or does so with
@@ -199,8 +200,11 @@ class ZedSource:
 
     def _check(self, image: NDArray[np.uint8]) -> bool:
         """Checks the calibration and aligns the rows; returns whether these could be measured. Raises BadData."""
-        stereo, rows = self._stereo, self._rows
+        s, stereo, rows = self._settings, self._stereo, self._rows
         assert stereo is not None
+        assert self._video is not None
+        # not only once: the sensors of a ZED, which state its number, may appear after its video device
+        refuse_other_calibration(s.camera, s.calibration, self._video.identity)
         measured = rows.take(*stereo.rectified(*halves(image)), stereo.intrinsics)
         if rows.rotation != stereo.rotation:
             stereo.align(rows.rotation)

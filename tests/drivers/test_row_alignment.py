@@ -7,6 +7,7 @@ import math
 import time
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import ClassVar
 
 import cv2
 import numpy as np
@@ -22,6 +23,7 @@ from drivers.cameras.pair_video import StampedImage
 from drivers.cameras.right_rotation import STRETCH_SLACK_PX, RightRotation, measure_rotation
 from drivers.cameras.row_alignment import FAULTS, MEASUREMENTS, NEWEST, RowAlignment
 from drivers.cameras.stereo import StereoDepth
+from drivers.cameras.video_identity import VideoIdentity
 from drivers.cameras.zed_calibration import EyeCalibration, StereoCalibration
 from drivers.cameras.zed_uvc import ZedSettings, ZedSource, halves
 from drivers.simulation.stereo.pair_renderer import PairBrightness, StereoPair, brightness, expose_pair
@@ -280,6 +282,7 @@ BLANK = np.clip(
 class Video:
     """A device that delivers these images, then the last one for ever."""
 
+    identity: ClassVar[VideoIdentity] = VideoIdentity()
     images: list[NDArray[np.uint8]]
 
     def read(self, timeout_s: float) -> StampedImage | None:

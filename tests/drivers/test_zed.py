@@ -15,6 +15,7 @@ from drivers.cameras import row_alignment
 from drivers.cameras.pair_video import StampedImage
 from drivers.cameras.row_alignment import FAULTS, MEASUREMENTS
 from drivers.cameras.stereo import MatchParams, StereoDepth
+from drivers.cameras.video_identity import VideoIdentity
 from drivers.cameras.zed_calibration import (
     parse_zed_calibration,
 )
@@ -25,6 +26,8 @@ from .zed_images import CALIBRATION, NEW, pair, side_by_side
 
 class Video:
     """A device that delivers images, and is then unplugged. stamp_ns: of each; None: 8 ms ago."""
+
+    identity = VideoIdentity("2b03:f780", "ZED 2", "OV0001")
 
     def __init__(self, images: list[np.ndarray], stamp_ns: int | None = None) -> None:
         self.images, self.stamp_ns = images, stamp_ns
