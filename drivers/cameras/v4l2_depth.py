@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from core.types import FAR_MM, SATURATED_MM, UNKNOWN_MM, CameraInfo, DepthFrame, Intrinsics
 
 from ..base import BadData, DeviceNotFound
+from .depth_units import refuse_greater_unit
 from .kernel_capture import Capture, CaptureFormat, LinuxpyCapture, RawBuffer
 from .kernel_stamps import KernelStamps
 from .video_identity import check_serial
@@ -80,13 +81,15 @@ class V4l2Source:
         )
 
     def open(self) -> None:
-        """Opens the stream. Raises DeviceNotFound, and BadData also for a camera of another serial number."""
+        """Opens the stream. Raises DeviceNotFound, and BadData also for a camera of another serial number, or whose depths would be
+        too great."""
         s = self._settings
         self._stamps = KernelStamps(s.camera)
         self._buffers = WholeBuffers(s.capture, self._connect)
         try:
             found = self._buffers.identity()
             check_serial(s.camera, s.device, s.serial, found)
+            refuse_greater_unit(s.camera, found, s.depth_unit_mm)
         except BadData:
             self.close()
             raise

@@ -88,6 +88,26 @@ def test_another_camera_at_the_port_is_refused_and_closed(
     assert source.identity == ""
 
 
+D405 = VideoIdentity("8086:0b5b", "Intel(R) RealSense(TM) Depth Camera 405", "130322270000")
+
+
+@pytest.mark.parametrize(("unit_mm", "refused"), [(1.0, True), (0.11, True), (0.1, False), (0.05, False)])
+def test_a_camera_with_a_smaller_depth_unit_than_the_configured_one_is_refused(
+    unit_mm: float, refused: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """With the default of the configuration a wall at 0.5 m before a D405 was measured at 5 m, and the way to it free."""
+    monkeypatch.setattr(whole_buffers, "video_identity", lambda descriptor: D405)
+    stream = FakeStream()
+    source = V4l2Source(replace(SETTINGS, depth_unit_mm=unit_mm), stream)
+    if not refused:
+        source.open()
+        source.close()
+        return
+    with pytest.raises(BadData, match=r"Camera 405 .* measures in units of 0\.1 mm, .*Set depth_unit_mm = 0\.1;"):
+        source.open()
+    assert stream.closed == 1
+
+
 def test_a_serial_that_no_driver_compares_is_an_error() -> None:
     with pytest.raises(ValueError, match='serial is for kind "v4l2"; remove it'):
         CameraConfig(name="front", kind="oak", serial="843112071234")
