@@ -210,6 +210,11 @@ class CameraConfig:
                 f'[[camera]] "{self.name}": serial is for kind "v4l2"; remove it (oak: set device to its id; zed: its video '
                 "device states none)"
             )
+        if self.can_mark and -(-self.disparities // 16) * 16 >= self.width_px:
+            raise ValueError(
+                f'[[camera]] "{self.name}": disparities = {self.disparities}, rounded up to a multiple of 16, must be less than '
+                f"width_px = {self.width_px}: in so many columns at the left nothing is matched"
+            )
         kind = CAMERA_KINDS.get(self.kind)
         missing = [key for key in kind.needs if getattr(self, key) in ("", None)] if kind is not None else []
         if missing:

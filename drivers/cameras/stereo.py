@@ -200,10 +200,12 @@ def matcher(params: MatchParams) -> cv2.StereoSGBM:
 def compute_disparity(sgbm: cv2.StereoSGBM, left: Gray, right: Gray, params: MatchParams) -> NDArray[np.float32]:
     """(H, W) float32 px, negative: none. What has no counterpart in the right image, or another one, is none. Fractions of a pixel of
     far matches are those of `refined`."""
+    added = sgbm.getNumDisparities()
+    if left.shape[1] <= added:  # nothing can be matched; the library would access memory outside of the image
+        return np.full(left.shape, -1.0, np.float32)
     found = np.asarray(sgbm.compute(left, right), np.float32) / np.float32(_SUBPIXEL)
     # the same search from the right: mirrored, to keep the direction of the search. The matcher leaves out as many columns as it
     # searches: they are added, or the right border would never be confirmed
-    added = sgbm.getNumDisparities()
     mirrored = [cv2.copyMakeBorder(image[:, ::-1], 0, 0, added, 0, cv2.BORDER_REPLICATE) for image in (right, left)]
     back = np.asarray(sgbm.compute(*mirrored), np.float32)[:, : added - 1 : -1] / _SUBPIXEL
     columns = np.arange(left.shape[1], dtype=np.float32)[None, :]

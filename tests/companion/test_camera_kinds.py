@@ -60,6 +60,30 @@ def test_a_kind_needs_each_of_its_keys(kind: str, key: str) -> None:
         config_of({"camera": [{"name": "front", "kind": kind, **given}]}, "my.toml")
 
 
+@pytest.mark.parametrize(
+    ("kind", "given", "refused"),
+    [
+        ("zed", {"width_px": 672, "disparities": 512}, False),
+        ("oak", {"width_px": 320, "disparities": 310, "match_on": "host"}, True),
+        ("oak", {"width_px": 320, "disparities": 304, "match_on": "host"}, False),
+        ("oak", {"width_px": 320, "disparities": 512}, False),
+        ("simulated", {"width_px": 64, "render": "stereo"}, True),
+        ("simulated", {"width_px": 64}, False),
+    ],
+)
+def test_a_search_as_wide_as_the_image_is_refused(kind: str, given: dict[str, object], refused: bool) -> None:
+    """No pixel could have a depth, and the process of the camera crashed."""
+    needed = {"device": "/dev/video0", "calibration": "SN1.conf"} if kind == "zed" else {}
+    camera = {"name": "front", "kind": kind, **needed, **given}
+    if not refused:
+        config_of({"camera": [camera]}, "my.toml")
+        return
+    with pytest.raises(
+        ConfigError, match=r"disparities = \d+, rounded up to a multiple of 16, must be less than width_px"
+    ):
+        config_of({"camera": [camera]}, "my.toml")
+
+
 def test_messages_name_all_kinds() -> None:
     assert live_kinds().replace(" or ", ", ").split(", ") == list(CAMERA_KINDS)
     assert " or " in live_kinds()

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
+import textwrap
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -237,6 +240,25 @@ def test_a_video_file_as_the_device(tmp_path: Path) -> None:
         ZedSource(
             ZedSettings(camera="a", device=str(tmp_path / "no.avi"), calibration=path), calibration=CALIBRATION
         ).open()
+
+
+MATCHED_NARROW = textwrap.dedent("""
+    import numpy as np
+    from drivers.cameras.stereo import MatchParams, StereoMatcher
+
+    rng = np.random.default_rng(0)
+    for width, disparities in ((96, 96), (95, 81), (64, 512)):
+        left = rng.integers(0, 256, (72, width)).astype(np.uint8)
+        found = StereoMatcher(MatchParams(disparities=disparities)).disparity(left, np.roll(left, -3, axis=1))
+        assert (found < 0.0).all()
+""")
+
+
+@pytest.mark.process
+def test_an_image_no_wider_than_the_search_has_no_match() -> None:
+    """The library accessed memory outside of it, which ended the process."""
+    child = subprocess.run([sys.executable, "-c", MATCHED_NARROW], cwd=Path(__file__).parents[2], check=False)
+    assert child.returncode == 0
 
 
 def test_parameters_out_of_range_are_named() -> None:
