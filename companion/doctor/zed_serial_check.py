@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from drivers.cameras.usb_devices import USB
-from drivers.cameras.zed_serials import named_serial, stated_serials
+from drivers.cameras.zed_identity import named_serial, stated_serials
 
 from ..config.camera import CameraConfig
 from ..diagnostic import DiagnosticCode

@@ -24,7 +24,7 @@ from .stereo import MatchParams, StereoDepth, nearest_m
 from .stereo_errors import bias_coefficient, noise_coefficient
 from .torn_images import TornImageCheck
 from .zed_calibration import StereoCalibration, load_zed_calibration
-from .zed_serials import refuse_other_calibration
+from .zed_identity import refuse_other_baseline, refuse_other_calibration
 
 DISPARITY_SIGMA_PX = 0.3
 """Prior of the matching noise; the extractor measures the actual noise."""
@@ -124,6 +124,7 @@ class ZedSource:
         self._stamps, self._torn = KernelStamps(s.camera), TornImageCheck(s.camera)
         self._video = self._connect(s)
         try:
+            refuse_other_baseline(s.camera, s.calibration, calibration.baseline_m, self._video.identity)
             measured = True
             while measured and not self._rows.settled:
                 self._first = self._awaited_image()

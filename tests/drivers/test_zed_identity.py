@@ -12,11 +12,12 @@ import pytest
 from drivers.base import BadData
 from drivers.cameras import row_alignment, zed_uvc
 from drivers.cameras.video_identity import VideoIdentity
-from drivers.cameras.zed_serials import refuse_other_calibration
+from drivers.cameras.zed_calibration import parse_zed_calibration
+from drivers.cameras.zed_identity import refuse_other_calibration
 from drivers.cameras.zed_uvc import ZedSource
 
 from .test_zed import SETTINGS, after_opening
-from .zed_images import CALIBRATION, side_by_side
+from .zed_images import CALIBRATION, NEW, side_by_side
 
 ZED2 = VideoIdentity("2b03:f780", "ZED 2", "OV0001")
 VIDEO, SENSORS, OTHER_SENSORS = ("2b03", "f780", "OV0001"), ("2b03", "f781", "37612345"), ("2b03", "f781", "12345678")
@@ -74,6 +75,37 @@ def test_a_file_of_another_camera_is_refused(
         return
     with pytest.raises(BadData, match=r"camera front: /etc/SN\d+.conf is the calibration of another ZED"):
         check()
+
+
+@pytest.mark.parametrize(
+    ("product", "baseline_mm", "refused"),
+    [
+        ("f780", 119.9, False),
+        ("f780", 63.0, True),
+        ("f682", 63.0, False),
+        ("f682", 119.9, True),
+        ("f582", 63.0, True),
+        ("f880", 119.9, False),
+        ("ff00", 63.0, False),
+    ],
+)
+def test_the_calibration_of_another_model_is_refused(product: str, baseline_mm: float, refused: bool) -> None:
+    """Its rows fit: with the file of a ZED 2 all depths of a ZED Mini were twice the true ones."""
+    calibration = parse_zed_calibration(
+        NEW.replace("Baseline=119.9", f"Baseline={baseline_mm}"), "front.conf", 672, 376
+    )
+    video = after_opening(side_by_side())
+    video.identity = VideoIdentity(f"2b03:{product}", "ZED", "OV0001")
+    source = ZedSource(replace(SETTINGS, calibration=Path("front.conf")), video, calibration)
+    if not refused:
+        source.open()
+        source.close()
+        return
+    with pytest.raises(
+        BadData, match=rf"front\.conf has a baseline of {baseline_mm:.0f} mm, the connected ZED \(2b03:{product}\)"
+    ):
+        source.open()
+    assert video.closed == 1
 
 
 def test_a_first_zed_beside_a_zed_2_is_not_compared(tmp_path: Path) -> None:
