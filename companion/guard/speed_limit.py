@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import Enum, auto
+from statistics import fmean
 
 from ..config.guard import GuardParams
 from .assessment import LIMIT_STEP_M_S, Action, Verdict
@@ -19,6 +20,9 @@ APART_NS = NS // 2
 EXCESS_M_S, EXCESS_NS = 0.5, 2 * NS
 """A vehicle does not follow its limit if it is faster by EXCESS_M_S and has not slowed down by EXCESS_M_S within
 EXCESS_NS after its greatest speed."""
+KEPT_SLOWER_M_S = 0.2
+"""The mission or a ground station keeps a vehicle slower than its limit if its average speed over RAISE_AFTER_NS is lower
+by more than this. Noise of the measured speed and gusts average out."""
 FOLLOWS_NS = NS
 """A vehicle follows its limit if it is not faster this long after the command. Before that, limited jerk may still
 exceed it."""
@@ -53,6 +57,7 @@ class SpeedLimiter:
     _result: int | None = None
     _tries: int = 0
     _free_since_ns: int | None = None
+    _free_speeds_m_s: list[float] = field(default_factory=list)
     _excess: tuple[int, float] | None = None
     _followed: bool = False
 
@@ -119,8 +124,12 @@ class SpeedLimiter:
             self._free_since_ns = None
             return None
         if self._free_since_ns is None:
-            self._free_since_ns = now_ns
+            self._free_since_ns, self._free_speeds_m_s = now_ns, []
+        self._free_speeds_m_s.append(speed_m_s)
         if now_ns - self._free_since_ns < RAISE_AFTER_NS:
+            return None
+        if fmean(self._free_speeds_m_s) < self.speed_m_s - KEPT_SLOWER_M_S:
+            self._free_since_ns = None
             return None
         if target_m_s == self.fastest_m_s:
             self.state = LimitState.ENDED

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import pytest
@@ -237,6 +238,29 @@ def test_a_vehicle_that_others_keep_slower_than_its_limit_is_not_made_faster() -
     assert commands(f.step(100)) == []
     f.verdict = replace(FREE, speed_m_s=2.0)
     assert commands(f.step(60)) == [SpeedCommand(7, 3.0)]
+
+
+def test_a_vehicle_that_others_keep_a_little_slower_than_its_limit_is_not_made_faster() -> None:
+    """A ground station has set 1.7 m/s while the limit was 2 m/s. The measured speed has noise, and peaks above 1.8."""
+    f = Flight(verdict=NARROW)
+    f.step()
+    f.machine.acknowledged(DO_CHANGE_SPEED, 0)
+    out: list[Output] = []
+    for k in range(200):
+        f.verdict = replace(FREE, speed_m_s=1.7 + 0.15 * math.sin(k))
+        out += f.step()
+    assert commands(out) == []
+
+
+def test_a_limit_is_raised_although_the_measured_speed_has_noise() -> None:
+    f = Flight(verdict=NARROW)
+    f.step()
+    f.machine.acknowledged(DO_CHANGE_SPEED, 0)
+    out: list[Output] = []
+    for k in range(60):
+        f.verdict = replace(FREE, speed_m_s=1.95 + 0.4 * math.sin(k))
+        out += f.step()
+    assert commands(out) == [SpeedCommand(7, 3.0)]
 
 
 def test_a_vehicle_that_does_not_answer_is_stopped_all_the_same_and_not_limited() -> None:
