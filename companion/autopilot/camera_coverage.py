@@ -53,8 +53,8 @@ def everywhere(avoid: AvoidParams) -> Coverage:
 def looked_into(info: CameraInfo, avoid: AvoidParams, hidden: NDArray[np.bool_] | None = None) -> Coverage:
     """Returns what a camera covers.
 
-    It is determined by the rays of the image through the height band at near_m or farther; by all rays if there are
-    none, and then it covers no height. A camera beside or before the middle of the vehicle has its rays in other
+    It is determined by the rays of the image that are in the height band at near_m; by all rays if there are none, and
+    then it covers no height. A camera beside or before the middle of the vehicle has its rays in other
     sectors at near_m than far away: a part is covered wholly only if it is at all ranges.
 
     Args:
@@ -66,7 +66,7 @@ def looked_into(info: CameraInfo, avoid: AvoidParams, hidden: NDArray[np.bool_] 
     u, v = np.linspace(-0.5, k.width - 0.5, n), np.linspace(-0.5, k.height - 0.5, n)
     optical = np.stack([*np.meshgrid((u - k.cx) / k.fx, (v - k.cy) / k.fy), np.ones((n, n))]).reshape(3, -1)
     x, y, z = rotation_frd_optical(info.mount) @ optical
-    z_m = avoid.near_m * z / np.maximum(np.hypot(x, y), 1e-9)
+    z_m = info.mount.z_m + avoid.near_m * z / np.maximum(np.hypot(x, y), 1e-9)
     inside = (z_m > -avoid.band_above_m) & (z_m < avoid.band_below_m)
     reaches_band = bool(inside.any())
     if not reaches_band:

@@ -84,6 +84,23 @@ def test_a_second_level_camera_moves_the_edge_of_the_view() -> None:
     )
 
 
+@pytest.mark.parametrize("z_m", [-0.5, -0.2, 0.0, 0.3])
+def test_a_camera_above_or_below_the_autopilot_covers_heights_as_far_above_or_below(z_m: float) -> None:
+    avoid = replace(AVOID, near_m=1.6, slices=20, band_above_m=1.0, band_below_m=1.0)
+    covers = looked_into(replace(CAMERA, mount=CameraMount(z_m=z_m)), avoid).heights[0, 2]
+    half_m = avoid.near_m * 0.5 * CAMERA.intrinsics.height / CAMERA.intrinsics.fy
+    edges_m = np.linspace(-1.0, 1.0, avoid.slices + 1)
+    inside = (edges_m[1:] > z_m - half_m) & (edges_m[:-1] < z_m + half_m)
+    assert covers.tolist() == inside.tolist()
+
+
+def test_a_camera_on_a_mast_does_not_replace_a_blind_one_at_the_height_of_the_autopilot() -> None:
+    avoid = replace(AVOID, near_m=1.5)
+    level, mast = (looked_into(replace(CAMERA, mount=CameraMount(z_m=z)), avoid) for z in (0.0, -2.0))
+    assert covered_sectors([level], [mast], avoid).heights_lost[0]
+    assert not covered_sectors([mast], [level], avoid).heights_lost[0]
+
+
 @pytest.mark.parametrize("roll_deg", [0.0, 90.0])
 def test_heights_lower_than_the_distance_of_two_rays_are_covered(roll_deg: float) -> None:
     """A wide camera had 8 of 22 sectors inside of the edge, and did not replace a camera with a slightly other mount."""
