@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..free_view import FreeView
 from .free_grid import FreeTables
 from .plane_index import BOX, MOMENTS, Tables, columns
 from .serialize import SavedSection
@@ -18,12 +19,13 @@ NS = 1_000_000_000
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RecentFrame:
-    """What a frame took from the free space."""
+    """What a frame took from the free space, and its ground."""
 
     t_ns: int
     observations: NDArray[Any]  # (N,) OBSERVATION
     arrived: NDArray[np.bool_]  # (N,), see free_removal.py
-    place_m: tuple[float, float, float]  # of the camera
+    view: FreeView
+    ground: tuple[NDArray[np.float64], NDArray[np.float64]] | None  # ranges from and to which it measured the ground, m
 
 
 @dataclass(slots=True, kw_only=True)

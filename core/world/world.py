@@ -14,10 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..free_view import FreeView, free_view
-from ..types import FrameModel
+from ..types import FrameModel, Ground
 from .association import OBSERVATION
 from .evidence import empty_steps
-from .free_grid import FreeTables, empty_free, held_blocks, see_free, seen_blocks
+from .free_grid import empty_free, held_blocks, see_free, seen_blocks
 from .free_removal import arrived_in_free, remove_free
 from .ground import see_ground
 from .params import WorldParams
@@ -102,31 +102,29 @@ class World:
         self.counts.bad_planes += len(observation.model.planes) - len(observations)
         arrived = arrived_in_free(free, observations)
         view = free_view(observation.model, observation.place_m)
+        ground = _ground_ranges(observation.model.ground, view)
         if view.far_m.size:
             see_free(free, view)
-            self._see_ground(free, observation, view)
+        if ground is not None:
+            see_ground(free, view, *ground)
         later = [f.observations for f in section.recent if f.t_ns > observation.t_ns]
         newer = np.concatenate(later) if later else observations[:0]
         add_frame(tables, free, observations, arrived, newer, self._rules, observation.t_ns, view)
-        self._remove_again(section, RecentFrame(observation.t_ns, observations, arrived, observation.place_m))
+        self._see_later_again(section, RecentFrame(observation.t_ns, observations, arrived, view, ground))
         if observation.t_ns >= section.newest_ns:  # a late frame's place is an earlier one
             section.newest_ns, section.place_m = observation.t_ns, observation.place_m
 
     @staticmethod
-    def _remove_again(section: Section, frame: RecentFrame) -> None:
-        """Takes from the free space what frames took that were exposed after this one and added before it."""
-        for later in section.recent:
+    def _see_later_again(section: Section, frame: RecentFrame) -> None:
+        """Repeats for frames that were exposed after this one and added before it: they take from the free space what
+        they took, and their ground replaces that of this frame."""
+        for later in sorted(section.recent, key=lambda f: f.t_ns):
             if later.t_ns > frame.t_ns:
-                remove_free(section.free, later.observations, later.arrived, later.place_m[0], later.place_m[1])
+                remove_free(section.free, later.observations, later.arrived, later.view.x_m, later.view.y_m)
+                if later.ground is not None:
+                    see_ground(section.free, later.view, *later.ground)
         oldest_ns = max(section.newest_ns, frame.t_ns) - round(RESTART_S * NS)
         section.recent = [f for f in (*section.recent, frame) if f.t_ns >= oldest_ns]
-
-    @staticmethod
-    def _see_ground(free: FreeTables, observation: Observation, view: FreeView) -> None:
-        ground = observation.model.ground
-        fits = len(ground.seen_from_m) == len(ground.seen_to_m) == len(view.edges_rad) - 1
-        if ground.seen and fits and bool(np.isfinite([*ground.seen_from_m, *ground.seen_to_m]).all()):
-            see_ground(free, view, np.array(ground.seen_from_m), np.array(ground.seen_to_m))
 
     def picture(self, now_ns: int) -> WorldSnapshot:
         """Returns the present state. Free space that is too old at now_ns is left out."""
@@ -290,3 +288,11 @@ class World:
         if math.dist(observation.place_m, section.place_m) > p.jump_m + p.jump_speed_m_s * abs(dt_s):
             return "the position stepped"
         return ""
+
+
+def _ground_ranges(ground: Ground, view: FreeView) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+    """Returns the ranges, (D,) m, from and to which a frame measured the ground; None: none that are usable."""
+    fits = view.far_m.size and len(ground.seen_from_m) == len(ground.seen_to_m) == len(view.edges_rad) - 1
+    if not (ground.seen and fits and np.isfinite([*ground.seen_from_m, *ground.seen_to_m]).all()):
+        return None
+    return np.array(ground.seen_from_m), np.array(ground.seen_to_m)

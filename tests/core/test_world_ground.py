@@ -81,6 +81,19 @@ def test_below_the_ground_no_cell_is_free_and_what_touches_it_is_occupied() -> N
     assert plane[0] == -1
 
 
+@pytest.mark.nojit
+@pytest.mark.parametrize("late_m", [1.0, 2.5])
+def test_a_frame_that_is_read_late_does_not_replace_newer_ground(late_m: float) -> None:
+    """Two cameras with different latencies, while the estimated height of the vehicle changes."""
+    newest = look(3 * STEP, flat(2.0))
+    world = merged(look(2 * STEP, flat(1.5)), newest, look(STEP, flat(late_m)))
+    known = world.picture(3 * STEP).ground
+    np.testing.assert_array_equal(
+        known[np.isfinite(known[..., 0])], merged(newest).picture(3 * STEP).ground[np.isfinite(known[..., 0])]
+    )
+    assert asked(world, [[6.0, 0.0, z] for z in (2.1, 2.4)]) == [Occupancy.OCCUPIED] * 2
+
+
 def test_beyond_where_it_was_measured_it_is_unknown_and_never_free() -> None:
     world = merged(look(0, flat(2.0, seen_to_m=8.0)))
     assert asked(world, [[x, 0.0, 2.4] for x in (10.0, 15.0)]) == [Occupancy.UNKNOWN] * 2
