@@ -10,7 +10,7 @@ from typing import Any
 from companion.autopilot.autopilot_values import AutopilotValues
 from companion.autopilot.failsafe import AutopilotNow
 from companion.autopilot.last_values import LastValuesFile
-from companion.autopilot.manager import READS
+from companion.autopilot.obstacle_output import READS
 from companion.autopilot.obstacle_report import ObstacleReport, SeenCameras
 from companion.autopilot.report_builder import ObstacleReportBuilder
 from companion.autopilot.sender import messages_of

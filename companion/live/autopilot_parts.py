@@ -21,7 +21,7 @@ from ..paths import Folders
 
 if TYPE_CHECKING:
     from ..autopilot.last_values import LastValuesFile
-    from ..autopilot.manager import Avoidance
+    from ..autopilot.obstacle_output import ObstacleOutput
     from ..guard.guard import Guard
     from ..share.setup import ShareService
 
@@ -42,7 +42,7 @@ class AutopilotParts:
 
     session: MavlinkSession | None = None
     link: MavlinkLink | None = None
-    avoidance: Avoidance | None = None
+    obstacle_output: ObstacleOutput | None = None
     guard: Guard | None = None
 
     def clock(self) -> tuple[ClockEstimate, int]:
@@ -72,7 +72,7 @@ def make_autopilot(
     last: LastValuesFile | None = None
     if config.avoid.send:
         from ..autopilot.last_values import LastValuesFile
-        from ..autopilot.manager import READS
+        from ..autopilot.obstacle_output import READS
 
         reads, last = reads | READS, LastValuesFile(folders.state)
         if config.guard.enabled:
@@ -93,7 +93,7 @@ def make_autopilot(
     if last is None:
         return AutopilotParts(session=session, link=link)
     from ..autopilot.line import line_of
-    from ..autopilot.manager import Avoidance, seen_cameras
+    from ..autopilot.obstacle_output import ObstacleOutput, seen_cameras
 
     line, guard = line_of(session, link), None
     if config.guard.enabled:
@@ -101,5 +101,5 @@ def make_autopilot(
 
         guard = Guard(config.guard, config.avoid, line, link.status, folders.state)
     observer = None if guard is None else guard.observe
-    avoidance = Avoidance(config.avoid, seen_cameras(config, cameras, observer), line, last)
-    return AutopilotParts(session=session, link=link, avoidance=avoidance, guard=guard)
+    obstacle_output = ObstacleOutput(config.avoid, seen_cameras(config, cameras, observer), line, last)
+    return AutopilotParts(session=session, link=link, obstacle_output=obstacle_output, guard=guard)

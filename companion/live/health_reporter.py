@@ -157,8 +157,8 @@ class HealthReporter:
         with parts.pipeline_thread.lock:
             found += self._mounts.diagnostics((view.status.camera, view.status.info) for view in views)
             ground, yaws = self._ground.check(), parts.pipeline_thread.mount_yaws
-        if parts.avoidance is not None:
-            found += parts.avoidance.diagnostics(now_ns)
+        if parts.obstacle_output is not None:
+            found += parts.obstacle_output.diagnostics(now_ns)
         if parts.guard is not None:
             found += parts.guard.diagnostics()
         # samples lost while the kernels are compiled are not a fault: nothing is detected yet
@@ -188,12 +188,12 @@ class HealthReporter:
         report.cameras.extend(camera_message(v) for v in views)
         if autopilot is not None:
             report.autopilot.CopyFrom(autopilot_message(autopilot))
-            if parts.avoidance is not None:
-                parts.avoidance.fill(report.autopilot, report.t_ns)
+            if parts.obstacle_output is not None:
+                parts.obstacle_output.fill(report.autopilot, report.t_ns)
         if parts.recorder is not None:
             report.recording.CopyFrom(recording_message(parts.recorder.status))
         parts.pipeline_thread.fill(report)
-        to_autopilot = parts.avoidance.latency() if parts.avoidance is not None else None
+        to_autopilot = parts.obstacle_output.latency() if parts.obstacle_output is not None else None
         if to_autopilot is not None:
             report.latencies.append(latency_message(*to_autopilot))
         if parts.share is not None:

@@ -19,7 +19,7 @@ from .event_queue import EventQueue
 from .pipeline_thread import PipelineThread
 
 if TYPE_CHECKING:
-    from ..autopilot.manager import Avoidance
+    from ..autopilot.obstacle_output import ObstacleOutput
     from ..guard.guard import Guard
     from ..share.setup import ShareService
     from .metrics_server import MetricsServer
@@ -44,7 +44,7 @@ class Parts:
     signing: Signing
     session: MavlinkSession | None = None
     link: MavlinkLink | None = None
-    avoidance: Avoidance | None = None
+    obstacle_output: ObstacleOutput | None = None
     guard: Guard | None = None
     share: ShareService | None = None
     recorder: Recorder | None = None
@@ -62,8 +62,8 @@ class Parts:
         failures = {"the pipeline": self.pipeline_thread.failure}
         if self.link is not None:
             failures["the link to the autopilot"] = self.link.failure
-        if self.avoidance is not None:
-            failures["the obstacle sender"] = self.avoidance.sender.failure
+        if self.obstacle_output is not None:
+            failures["the obstacle sender"] = self.obstacle_output.sender.failure
         if self.guard is not None:
             failures["the guard"] = self.guard.failure
         failures |= {f"the supervision of camera {name}": camera.failure for name, camera in self.cameras.items()}
@@ -79,8 +79,8 @@ class Parts:
             alive_ns["the pipeline"] = self.pipeline_thread.alive_ns
         if self.link is not None:
             alive_ns["the link to the autopilot"] = self.link.state.alive_ns + LINK_OPEN_NS
-        if self.avoidance is not None:
-            alive_ns["the obstacle sender"] = self.avoidance.sender.alive_ns
+        if self.obstacle_output is not None:
+            alive_ns["the obstacle sender"] = self.obstacle_output.sender.alive_ns
         if self.guard is not None:
             alive_ns["the guard"] = self.guard.alive_ns
         for name, camera in self.cameras.items():

@@ -100,7 +100,7 @@ class Service:
             signing=signing,
             session=autopilot.session,
             link=autopilot.link,
-            avoidance=autopilot.avoidance,
+            obstacle_output=autopilot.obstacle_output,
             guard=autopilot.guard,
             share=share,
             recorder=recorder,
@@ -136,8 +136,8 @@ class Service:
             event_queue.put([info])
             with self.parts.pipeline_thread.lock:
                 self.health.camera_opened(name)
-            if self.parts.avoidance is not None:
-                self.parts.avoidance.announce(info, unmeasured_mask(section, info))
+            if self.parts.obstacle_output is not None:
+                self.parts.obstacle_output.announce(info, unmeasured_mask(section, info))
 
         least_share = self.config.extractor.min_measured_share
         return CameraSupervisor(section, opened, self._handle_frame, self.config.supervision, least_share=least_share)
@@ -188,7 +188,14 @@ class Service:
             parts.share.open(self._context, keys)
         self._output.open(run, self._context, keys)
         parts.previews.open(publish.address("depth", run), self._context, keys)
-        for part in (parts.recorder, parts.metrics, parts.pipeline_thread, parts.link, parts.avoidance, parts.guard):
+        for part in (
+            parts.recorder,
+            parts.metrics,
+            parts.pipeline_thread,
+            parts.link,
+            parts.obstacle_output,
+            parts.guard,
+        ):
             if part is not None:
                 part.open()
         for camera in parts.cameras.values():
@@ -204,14 +211,22 @@ class Service:
         steps: list[Callable[[], object]] = []
         if parts.guard is not None:  # before the blindness of a stop on purpose could stop the vehicle
             steps.append(parts.guard.close)
-        if parts.avoidance is not None:
-            steps.append(parts.avoidance.end)
+        if parts.obstacle_output is not None:
+            steps.append(parts.obstacle_output.end)
         if parts.link is not None:
             steps.append(partial(parts.link.set_system_status, MAV_STATE_CRITICAL))
         steps += [camera.stop for camera in parts.cameras.values()]
         steps += [camera.close for camera in parts.cameras.values()]
         steps.append(parts.pipeline_thread.close)
-        rest = (parts.recorder, parts.share, parts.avoidance, parts.link, parts.signing, parts.metrics, parts.world)
+        rest = (
+            parts.recorder,
+            parts.share,
+            parts.obstacle_output,
+            parts.link,
+            parts.signing,
+            parts.metrics,
+            parts.world,
+        )
         steps += [part.close for part in rest if part is not None]
         steps += [parts.previews.close, self._output.close, self._close_allow_list]
         steps.append(partial(self._context.destroy, linger=0))
@@ -255,8 +270,8 @@ class Service:
         if any(view.blind for view in views):
             self._output.publish_all_cameras(now_ns, self.parts.camera_statuses())
         autopilot = self.health.autopilot_view(now_ns)
-        if self.parts.avoidance is not None:
-            self.parts.avoidance.tick(now_ns, autopilot.link if autopilot is not None else None)
+        if self.parts.obstacle_output is not None:
+            self.parts.obstacle_output.tick(now_ns, autopilot.link if autopilot is not None else None)
         if self.parts.share is not None:
             self.parts.share.tick(now_ns)
         self.health.update(views, autopilot, None if self.started else self._start_text(), now_ns)
@@ -273,14 +288,14 @@ class Service:
         """Queues the samples of one read, their raw frames first. Called from one thread at a time."""
         self.parts.event_queue.put([*self._raw_frames, *samples])
         self._raw_frames.clear()
-        if self.parts.avoidance is not None:
-            self.parts.avoidance.samples(samples)
+        if self.parts.obstacle_output is not None:
+            self.parts.obstacle_output.samples(samples)
         if self.parts.share is not None:
             self.parts.share.samples(samples)
 
     def _handle_mavlink(self, message: Any, arrival_ns: int) -> None:
-        if self.parts.avoidance is not None:
-            self.parts.avoidance.message(message, arrival_ns)
+        if self.parts.obstacle_output is not None:
+            self.parts.obstacle_output.message(message, arrival_ns)
         if self.parts.guard is not None:
             self.parts.guard.message(message, arrival_ns)
         if self.parts.share is not None:
@@ -289,8 +304,8 @@ class Service:
     def _publish(self, result: PrismsResult, prisms: bytes) -> None:
         """Publishes a frame. Called by the pipeline's thread."""
         self._output.publish_prisms(result, prisms)
-        if self.parts.avoidance is not None:
-            self.parts.avoidance.result(result)
+        if self.parts.obstacle_output is not None:
+            self.parts.obstacle_output.result(result)
         if self.parts.world is not None:
             self.parts.world.put(result)
         with self.parts.pipeline_thread.lock:

@@ -14,7 +14,7 @@ import pytest
 from companion.autopilot.distance_sensor import DOWNWARD
 from companion.autopilot.failsafe import FENCE_SHARE, STOP_INSIDE_M
 from companion.autopilot.line import line_of
-from companion.autopilot.manager import Avoidance
+from companion.autopilot.obstacle_output import ObstacleOutput
 from companion.autopilot.obstacle_report import SeenCameras
 from companion.config.avoidance import AvoidParams
 from companion.pipeline.pipeline import Pipeline
@@ -103,7 +103,7 @@ class Companion:
         self.waiting: deque[AttitudeSample | PoseSample] = deque()
         session = MavlinkSession(on_message=lambda message, t_ns: self.avoidance.message(message, t_ns))
         self.link = MavlinkLink(parse_address(address), session, self._samples)
-        self.avoidance = Avoidance(
+        self.avoidance = ObstacleOutput(
             avoid,
             SeenCameras(cameras=("front",), timeout_s=0.3),
             line_of(session, self.link),

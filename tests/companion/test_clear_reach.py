@@ -15,7 +15,7 @@ from companion.autopilot import clear_sectors as clear_sectors_module
 from companion.autopilot.camera_coverage import covered, looked_into
 from companion.autopilot.clear_sectors import OpenedCamera, clear_sectors, far_view, never_clear_texts
 from companion.autopilot.line import AutopilotLine
-from companion.autopilot.manager import Avoidance
+from companion.autopilot.obstacle_output import ObstacleOutput
 from companion.autopilot.obstacle_report import SeenCameras
 from companion.autopilot.polar_histogram import SectorState, scan
 from companion.autopilot.view_free import View
@@ -118,7 +118,7 @@ def first_result(info: CameraInfo) -> PrismsResult:
 
 
 def test_the_service_reports_a_camera_whose_range_is_too_short() -> None:
-    part = Avoidance(
+    part = ObstacleOutput(
         AvoidParams(send=True),
         SeenCameras(cameras=("front",), timeout_s=0.3),
         AutopilotLine(lambda: None, lambda message: None),
@@ -185,7 +185,7 @@ def test_two_cameras_that_cover_the_height_band_together_find_the_way_ahead_clea
 
 
 def test_the_service_reports_no_camera_that_another_one_completes() -> None:
-    part = Avoidance(
+    part = ObstacleOutput(
         AvoidParams(send=True, max_distance_m=8.0),
         SeenCameras(cameras=("down", "up"), timeout_s=0.3),
         AutopilotLine(lambda: None, lambda message: None),
@@ -227,7 +227,7 @@ def test_an_error_of_the_advice_does_not_end_the_output(monkeypatch: pytest.Monk
         raise ValueError("made up")
 
     monkeypatch.setattr(clear_sectors_module, "no_clear_text", fails)
-    part = Avoidance(
+    part = ObstacleOutput(
         AvoidParams(send=True),
         SeenCameras(cameras=("front",), timeout_s=0.3),
         AutopilotLine(lambda: None, lambda message: None),

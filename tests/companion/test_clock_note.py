@@ -8,7 +8,7 @@ import pytest
 
 from companion.autopilot.clock_note import NO_ANSWERS, UNCERTAIN
 from companion.autopilot.line import AutopilotLine
-from companion.autopilot.manager import Avoidance
+from companion.autopilot.obstacle_output import ObstacleOutput
 from companion.autopilot.obstacle_report import SeenCameras
 from companion.autopilot.status_text import MOST_CHARACTERS
 from companion.config.avoidance import AvoidParams
@@ -47,7 +47,7 @@ def texts_of(state: Callable[[int], LinkStatus], seconds: float) -> list[str]:
         if isinstance(message, dialect.MAVLink_statustext_message):
             texts.append(message.text)
 
-    output = Avoidance(
+    output = ObstacleOutput(
         AvoidParams(), SeenCameras(cameras=("front",), timeout_s=0.3), AutopilotLine(lambda: VEHICLE, post)
     )
     for tenth in range(round(10 * seconds)):
@@ -98,7 +98,7 @@ def test_an_autopilot_behind_a_router_without_timesync_is_named(answers: bool) -
         if isinstance(message, dialect.MAVLink_statustext_message):
             texts.append(message.text)
 
-    output = Avoidance(
+    output = ObstacleOutput(
         AvoidParams(), SeenCameras(cameras=("front",), timeout_s=0.3), AutopilotLine(lambda: session.vehicle, post)
     )
     for k in range(8000):

@@ -18,7 +18,7 @@ import numpy as np
 import pytest
 
 from companion.autopilot.line import line_of
-from companion.autopilot.manager import Avoidance
+from companion.autopilot.obstacle_output import ObstacleOutput
 from companion.autopilot.obstacle_report import SeenCameras
 from companion.cameras.frozen_frames import FrozenFrameDetector
 from companion.config.avoidance import AvoidParams
@@ -56,7 +56,7 @@ class Flown:
         self.cause = ""
         session = MavlinkSession(on_message=lambda message, t_ns: self.avoidance.message(message, t_ns))
         self.link = MavlinkLink(parse_address(address), session, self._samples)
-        self.avoidance = Avoidance(
+        self.avoidance = ObstacleOutput(
             AVOID,
             SeenCameras(cameras=("front",), timeout_s=0.3, frame_fault=lambda camera: self.cause),
             line_of(session, self.link),

@@ -7,7 +7,7 @@ import pytest
 from companion.autopilot.feedback_check import likely_cause
 from companion.autopilot.firmware_version import RENEW_NS, TRIES, FirmwareVersion, VersionReader
 from companion.autopilot.flight_modes import Effect, mode_fault, mode_of
-from companion.autopilot.manager import shutdown_text
+from companion.autopilot.obstacle_output import shutdown_text
 from companion.autopilot.parameter_advice import advice
 from companion.autopilot.parameter_fault import AutopilotFacts
 from companion.autopilot.parameter_writer import changes

@@ -12,8 +12,8 @@ import pytest
 from companion.autopilot.failsafe import AutopilotNow
 from companion.autopilot.landed import FRESH_NS, LandedState
 from companion.autopilot.line import AutopilotLine
-from companion.autopilot.manager import Avoidance
 from companion.autopilot.obstacle_distance import UNKNOWN
+from companion.autopilot.obstacle_output import ObstacleOutput
 from companion.autopilot.obstacle_report import SeenCameras
 from companion.config.avoidance import AvoidParams
 from core.types import Ground
@@ -83,7 +83,7 @@ def test_a_vehicle_in_flight_is_not_landed_whatever_is_reported() -> None:
 
 def test_it_is_asked_for_and_reaches_the_decision() -> None:
     posted: list[Any] = []
-    part = Avoidance(
+    part = ObstacleOutput(
         AvoidParams(send=True),
         SeenCameras(cameras=("front",), timeout_s=0.3),
         AutopilotLine(lambda: vehicle(True), posted.append),

@@ -10,7 +10,7 @@ import pytest
 from companion.autopilot.firmware_version import FirmwareVersion
 from companion.autopilot.last_values import NAME, LastValues, LastValuesFile
 from companion.autopilot.line import AutopilotLine
-from companion.autopilot.manager import Avoidance
+from companion.autopilot.obstacle_output import ObstacleOutput
 from companion.autopilot.obstacle_report import SeenCameras
 from companion.config.avoidance import AvoidParams
 from drivers.mavlink.dialect import dialect
@@ -19,12 +19,12 @@ from drivers.mavlink.session_types import Vehicle
 NS = 1_000_000_000
 
 
-def avoidance(folder: Path, system_id: int = 1, kind: str = "ArduPilot") -> Avoidance:
+def avoidance(folder: Path, system_id: int = 1, kind: str = "ArduPilot") -> ObstacleOutput:
     def ignore(message: Any) -> None:
         pass
 
     vehicle = Vehicle(system_id, kind, 2, True, 5, 0)
-    return Avoidance(
+    return ObstacleOutput(
         AvoidParams(send=True, avoid_margin_m=2.0),
         SeenCameras(cameras=("front",), timeout_s=0.3),
         AutopilotLine(lambda: vehicle, ignore),
@@ -32,7 +32,7 @@ def avoidance(folder: Path, system_id: int = 1, kind: str = "ArduPilot") -> Avoi
     )
 
 
-def receive_margin(part: Avoidance, value: float) -> None:
+def receive_margin(part: ObstacleOutput, value: float) -> None:
     """The autopilot sends AVOID_MARGIN for two seconds."""
     part.tick(NS)
     for k in range(20):
@@ -42,7 +42,7 @@ def receive_margin(part: Avoidance, value: float) -> None:
     part.tick(3 * NS)
 
 
-def nearest_wall_m(part: Avoidance) -> float:
+def nearest_wall_m(part: ObstacleOutput) -> float:
     """Of the very first decision."""
     decided = part._builder.decide(part._autopilot(), 10 * NS)
     assert decided.values is not None

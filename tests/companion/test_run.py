@@ -75,13 +75,13 @@ def test_it_ends_at_once_when_no_obstacles_are_sent_any_more(tmp_path: Path, cap
 
     try:
         service.open()
-        assert service.parts.avoidance is not None
+        assert service.parts.obstacle_output is not None
         stop, ended = threading.Event(), []
         loop = threading.Thread(target=lambda: ended.append(serve(service, Notifier(), stop, 0.02)))
         loop.start()
         loop.join(0.5)
         assert ended == []  # it runs
-        service.parts.avoidance.sender._ask = broken
+        service.parts.obstacle_output.sender._ask = broken
         loop.join(60.0)
         assert ended == [1]
         assert "the obstacle sender has ended" in caplog.text

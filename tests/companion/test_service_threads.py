@@ -114,15 +114,15 @@ def of_line(service: Service) -> None:
 
 
 def of_sender(service: Service) -> None:
-    assert service.parts.avoidance is not None
-    ask = service.parts.avoidance.sender._ask
+    assert service.parts.obstacle_output is not None
+    ask = service.parts.obstacle_output.sender._ask
 
     def once() -> object:
         if threading.current_thread().name == "obstacles":
             raise RuntimeError("injected")
         return ask()
 
-    service.parts.avoidance.sender._ask = once  # type: ignore[assignment]
+    service.parts.obstacle_output.sender._ask = once  # type: ignore[assignment]
 
 
 def of_camera(service: Service) -> None:
@@ -135,7 +135,7 @@ def wait_for_report(service: Service, autopilot: Autopilot) -> None:
 
     def reported() -> bool:
         autopilot.send_heartbeat()
-        return service.parts.avoidance is not None and service.parts.avoidance.report is not None
+        return service.parts.obstacle_output is not None and service.parts.obstacle_output.report is not None
 
     assert until(reported)
 

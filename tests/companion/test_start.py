@@ -23,7 +23,7 @@ pytestmark = pytest.mark.process
 
 NOT_NEEDED = (
     "asyncio",
-    "companion.autopilot.manager",
+    "companion.autopilot.obstacle_output",
     "core.world.world",
     "cv2",
     "depthai",

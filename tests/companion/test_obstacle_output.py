@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from companion.autopilot import manager, sender
+from companion.autopilot import obstacle_output, sender
 from companion.autopilot.failsafe import AutopilotNow
 from companion.autopilot.line import AutopilotLine
-from companion.autopilot.manager import Avoidance
+from companion.autopilot.obstacle_output import ObstacleOutput
 from companion.autopilot.obstacle_report import ObstacleReport, SeenCameras
 from companion.config.avoidance import AvoidParams
 from drivers.mavlink.commands import SET_MESSAGE_INTERVAL
@@ -36,9 +36,9 @@ class Stop:
     def __init__(self, monkeypatch: pytest.MonkeyPatch, report: ObstacleReport | None, armed: bool = True) -> None:
         self.now_ns, self.posted, self.closed = NS, list[Any](), 0
         self.armed: Callable[[float], bool] = lambda after_s: armed
-        monkeypatch.setattr(manager, "time", SimpleNamespace(monotonic_ns=lambda: self.now_ns, sleep=self._sleep))
+        monkeypatch.setattr(obstacle_output, "time", SimpleNamespace(monotonic_ns=lambda: self.now_ns, sleep=self._sleep))
         avoid = AvoidParams(send=True, stop_hold_s=HOLD_S)
-        self.part = Avoidance(avoid, SEEN, AutopilotLine(self._vehicle, self.posted.append))
+        self.part = ObstacleOutput(avoid, SEEN, AutopilotLine(self._vehicle, self.posted.append))
         self.sender = SimpleNamespace(report=report, running=True, close=self._close, sent=0)
         monkeypatch.setattr(self.part, "sender", self.sender)
 
@@ -116,7 +116,7 @@ def test_messages_that_the_check_needs_are_requested_every_ten_seconds(kind: str
             assert message.param2 == pytest.approx(500_000.0), "2 Hz"
             requested.append((now_ns // NS, int(message.param1)))
 
-    part = Avoidance(AvoidParams(send=True), SEEN, AutopilotLine(lambda: Vehicle(1, kind, 2, True, 5, 0), post))
+    part = ObstacleOutput(AvoidParams(send=True), SEEN, AutopilotLine(lambda: Vehicle(1, kind, 2, True, 5, 0), post))
     for step in range(250):
         now_ns = NS + step * NS // 10
         part.tick(now_ns)
@@ -124,7 +124,7 @@ def test_messages_that_the_check_needs_are_requested_every_ten_seconds(kind: str
 
 
 def test_what_the_autopilot_sends_back_is_in_the_health_report() -> None:
-    part = Avoidance(AvoidParams(send=True), SEEN, AutopilotLine(lambda: None, lambda message: None))
+    part = ObstacleOutput(AvoidParams(send=True), SEEN, AutopilotLine(lambda: None, lambda message: None))
     echo = dialect.MAVLink_obstacle_distance_message(0, 4, [65535] * 71 + [300], 5, 20, 1000, 5.0, 0.0, 12)
     part.message(echo, NS)
     health = pb.AutopilotHealth()
@@ -136,11 +136,11 @@ def test_what_the_autopilot_sends_back_is_in_the_health_report() -> None:
 def test_the_age_of_what_is_sent_is_that_of_the_frames_it_was_decided_by(monkeypatch: pytest.MonkeyPatch) -> None:
     """A decision that took too long is made again with newer frames."""
     chain = Chain(model(wall_at(0.0, 5.0)), AVOID)
-    part = Avoidance(
+    part = ObstacleOutput(
         AVOID, SEEN, AutopilotLine(lambda: Vehicle(1, "PX4", 2, True, 0, chain.now_ns), lambda message: None)
     )
     clock = SimpleNamespace(monotonic_ns=lambda: chain.now_ns)
-    monkeypatch.setattr(manager, "time", clock)
+    monkeypatch.setattr(obstacle_output, "time", clock)
     monkeypatch.setattr(sender, "time", clock)
     monkeypatch.setattr(chain, "builder", part)
     part.announce(CAMERA)

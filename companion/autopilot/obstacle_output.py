@@ -55,7 +55,7 @@ READS = frozenset({PARAM_VALUE, AUTOPILOT_VERSION, *REQUESTED, *ECHOES.values()}
 """Ids of the autopilot's messages that `message` handles."""
 
 
-class Avoidance:
+class ObstacleOutput:
     """Obstacle output of one link."""
 
     def __init__(
