@@ -94,7 +94,7 @@ class Guard:
         self._link: LinkStatus | None = None
         self._link_ns = 0
         self._announced: dict[str, int] = {}
-        self._stop, self._news = threading.Event(), threading.Event()
+        self._stop, self._wake = threading.Event(), threading.Event()
         self._thread = WatchedThread(self._run, "guard")
         self.alive_ns = time.monotonic_ns()
         """Instant at which the newest step of the thread began."""
@@ -110,13 +110,13 @@ class Guard:
         with self._lock:
             self._sight = sight
             self._assessor.take(sight)
-        self._news.set()
+        self._wake.set()
 
     def message(self, message: Any, arrival_ns: int) -> None:
         """Takes a message of the autopilot, of those in READS."""
         if message.get_type() == "COMMAND_ACK":
             self._messages.append(message)
-            self._news.set()
+            self._wake.set()
         self._landed.take(message, arrival_ns)
 
     # ---- thread -----------------------------------------------------------------------------------------------------
@@ -131,7 +131,7 @@ class Guard:
         if self._stop.is_set():
             return
         self._stop.set()
-        self._news.set()
+        self._wake.set()
         if self._thread.ident is not None:
             self._thread.join(2.0)
         self._file.close()
@@ -142,8 +142,8 @@ class Guard:
 
     def _run(self) -> None:
         while not self._stop.is_set():
-            self._news.wait(STEP_S)
-            self._news.clear()
+            self._wake.wait(STEP_S)
+            self._wake.clear()
             self.alive_ns = time.monotonic_ns()
             if not self._stop.is_set():
                 self.step(time.monotonic_ns())

@@ -32,8 +32,8 @@ class LinkCallbacks:
 
     samples: Callable[[list[AttitudeSample | PoseSample]], None]
     message: Callable[[Any, int], None]
-    # gets raw MAVLink frames for the log, with the time of arrival in ns; None: they are not recorded
-    frame: Callable[[bytes, int], None] | None
+    # gets MAVLink messages as received, with the time of arrival in ns; None: they are not recorded
+    raw: Callable[[bytes, int], None] | None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -81,7 +81,7 @@ def make_autopilot(
             reads |= GUARD_READS
     session = MavlinkSession(
         params_of(config),
-        on_frame=callbacks.frame,
+        on_frame=callbacks.raw,
         signing=signing,
         reads=reads,
         on_message=callbacks.message if reads else None,

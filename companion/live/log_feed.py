@@ -14,7 +14,7 @@ from drivers.base import Event
 from drivers.mavlink.clock_sync import ClockEstimate, ClockSource
 
 from ..log.recorder import Recorder
-from ..pipeline.events import LogMessage, RawFrame, Sample, SupersededFrame
+from ..pipeline.events import LogMessage, RawMavlink, SupersededFrame, TimedItem
 from ..pipeline.pipeline import Pipeline
 from ..pipeline.results import Output
 from ..pipeline.state_messages import state_message
@@ -53,7 +53,7 @@ class LogFeed:
             assert self._recorder is not None
             call(self._recorder)
 
-    def open_file(self, item: Sample) -> None:
+    def open_file(self, item: TimedItem) -> None:
         """Begins a log file where one is due: with the first frame, when the vehicle is armed, when the previous file
         is full or failed, when the vehicle is no longer disarmed as at the beginning of the file, and with the first frame
         after a camera was added or changed, since a log describes its cameras at its beginning."""
@@ -105,9 +105,9 @@ class LogFeed:
         """Records attitudes and positions."""
         self._later(lambda log: log.events(samples))
 
-    def mavlink(self, frames: list[RawFrame]) -> None:
+    def mavlink(self, messages: list[RawMavlink]) -> None:
         """Records MAVLink messages."""
-        self._later(lambda log: log.frames(frames))
+        self._later(lambda log: log.mavlink(messages))
 
     def message(self, item: LogMessage) -> None:
         """Records a message of another part."""

@@ -16,7 +16,7 @@ from drivers.watched_thread import WatchedThread
 from osape_client.proto import osape_v1_pb2 as pb
 
 from ..pipeline.encode import prisms_bytes, wire_bytes
-from ..pipeline.events import Item, LogMessage, RawFrame, SupersededFrame
+from ..pipeline.events import Item, LogMessage, RawMavlink, SupersededFrame
 from ..pipeline.latency import Latencies, LatencyStage
 from ..pipeline.pipeline import Pipeline
 from ..pipeline.results import FrameDecision, Output, PrismsResult
@@ -139,8 +139,8 @@ class PipelineThread:
                 self._pipeline.announce(item)
                 self._checks.announce(item)
         for kind, alike in groupby(taken, _kind):
-            if kind is RawFrame:
-                self._record_raw_frames(cast(list[RawFrame], list(alike)))
+            if kind is RawMavlink:
+                self._record_mavlink(cast(list[RawMavlink], list(alike)))
             elif kind is AttitudeSample:
                 self._handle_motion(cast(list[Motion], list(alike)))
             else:
@@ -158,9 +158,9 @@ class PipelineThread:
             self._log.open_file(item)
             self._log.message(item)
 
-    def _record_raw_frames(self, frames: list[RawFrame]) -> None:
-        self._log.open_file(frames[0])
-        self._log.mavlink(frames)
+    def _record_mavlink(self, messages: list[RawMavlink]) -> None:
+        self._log.open_file(messages[0])
+        self._log.mavlink(messages)
 
     def _handle_motion(self, samples: list[Motion]) -> None:
         """Handles attitudes and positions."""

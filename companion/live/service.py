@@ -30,7 +30,7 @@ from ..log.provenance import run_info
 from ..log.recorder import Recorder
 from ..paths import Folders
 from ..pipeline.configured import make_pipeline
-from ..pipeline.events import RawFrame
+from ..pipeline.events import RawMavlink
 from ..pipeline.results import PrismsResult
 from ..pipeline.tracking import TracksResult
 from ..streams.curve_auth import AllowList, load_keys
@@ -73,7 +73,7 @@ class Service:
         self._stamps = PublicationStamps(boot_id())
         self._context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
         self._staleness = StalenessMonitor(tuple(c.name for c in config.cameras), config.service.timeout_s)
-        self._raw_frames: list[RawFrame] = []
+        self._raw_mavlink: list[RawMavlink] = []
         self.parts = self._make_parts(warm_up)
         self._output = StreamOutput(config, self._stamps, self._staleness, self.parts.pipeline_thread.lock)
         self.health = HealthReporter(
@@ -146,8 +146,8 @@ class Service:
         self, cameras: Mapping[str, CameraSupervisor], signing: Signing, share: ShareService | None
     ) -> AutopilotParts:
         log_raw = self.config.record.mavlink and self.config.record.record != "off"
-        frame = (lambda data, t_ns: self._raw_frames.append(RawFrame(data, t_ns))) if log_raw else None
-        callbacks = LinkCallbacks(samples=self._deliver, message=self._handle_mavlink, frame=frame)
+        raw = (lambda data, t_ns: self._raw_mavlink.append(RawMavlink(data, t_ns))) if log_raw else None
+        callbacks = LinkCallbacks(samples=self._deliver, message=self._handle_mavlink, raw=raw)
         return make_autopilot(self.config, self._folders, cameras, signing, share, callbacks)
 
     def _make_metrics(self) -> MetricsServer | None:
@@ -285,9 +285,9 @@ class Service:
         self.parts.event_queue.put_frame(frame)
 
     def _deliver(self, samples: list[AttitudeSample | PoseSample]) -> None:
-        """Queues the samples of one read, their raw frames first. Called from one thread at a time."""
-        self.parts.event_queue.put([*self._raw_frames, *samples])
-        self._raw_frames.clear()
+        """Queues the samples of one read, its raw messages first. Called from one thread at a time."""
+        self.parts.event_queue.put([*self._raw_mavlink, *samples])
+        self._raw_mavlink.clear()
         if self.parts.obstacle_output is not None:
             self.parts.obstacle_output.samples(samples)
         if self.parts.share is not None:

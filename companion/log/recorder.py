@@ -23,7 +23,7 @@ from osape_client.proto import osape_v1_pb2 as pb
 
 from ..config.camera import OutputConfig
 from ..config.service import RecordParams
-from ..pipeline.events import RawFrame
+from ..pipeline.events import RawMavlink
 from ..pipeline.results import Output
 from ..pipeline.state import PipelineState
 from ..pipeline.tracking import TracksResult
@@ -168,14 +168,14 @@ class Recorder:
 
         self._enqueue(write, len(events) * _SMALL, len(events))
 
-    def frames(self, frames: Sequence[RawFrame]) -> None:
+    def mavlink(self, messages: Sequence[RawMavlink]) -> None:
         """Records MAVLink messages."""
 
         def write(log: LogWriter) -> None:
-            for raw in frames:
+            for raw in messages:
                 log.write("mavlink", pb.MavlinkFrame(frame=raw.data), raw.t_arrival_ns)
 
-        self._enqueue(write, sum(len(raw.data) + _SMALL for raw in frames), len(frames))
+        self._enqueue(write, sum(len(raw.data) + _SMALL for raw in messages), len(messages))
 
     def output(self, output: Output, prisms: bytes | None = None) -> None:
         """Records an output of the pipeline. prisms: the encoded message, if available."""

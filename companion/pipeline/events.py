@@ -20,7 +20,7 @@ class SupersededFrame:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class RawFrame:
+class RawMavlink:
     """A MAVLink message as received."""
 
     data: bytes
@@ -36,5 +36,5 @@ class LogMessage:
     t_arrival_ns: int
 
 
-Sample = AttitudeSample | PoseSample | DepthFrame | SupersededFrame | RawFrame | LogMessage
-Item = Sample | CameraInfo
+TimedItem = AttitudeSample | PoseSample | DepthFrame | SupersededFrame | RawMavlink | LogMessage
+Item = TimedItem | CameraInfo

@@ -24,7 +24,7 @@ from companion.live.process_usage import ProcessUsage
 from companion.live.sd_notify import Notifier
 from companion.live.staleness import StalenessMonitor
 from companion.live.stream_output import StreamOutput
-from companion.pipeline.events import RawFrame, SupersededFrame
+from companion.pipeline.events import RawMavlink, SupersededFrame
 from companion.pipeline.latency import Latencies, LatencyStage
 from companion.pipeline.results import PrismsResult
 from companion.pipeline.sync import DropCause
@@ -56,11 +56,11 @@ def image(camera: str, sequence: int) -> DepthFrame:
 
 def test_the_order_of_arrival_is_kept_and_a_frame_ends_a_turn() -> None:
     event_queue = EventQueue()
-    event_queue.put([attitude(1), RawFrame(b"x", 2)])
+    event_queue.put([attitude(1), RawMavlink(b"x", 2)])
     event_queue.put_frame(image("front", 3))
     event_queue.put([attitude(4)])
     first = event_queue.take(0.0)
-    assert [type(i).__name__ for i in first] == ["AttitudeSample", "RawFrame", "DepthFrame"]
+    assert [type(i).__name__ for i in first] == ["AttitudeSample", "RawMavlink", "DepthFrame"]
     assert event_queue.take(0.0) == [attitude(4)]
     assert event_queue.take(0.0) == []
 

@@ -36,7 +36,9 @@ class Stop:
     def __init__(self, monkeypatch: pytest.MonkeyPatch, report: ObstacleReport | None, armed: bool = True) -> None:
         self.now_ns, self.posted, self.closed = NS, list[Any](), 0
         self.armed: Callable[[float], bool] = lambda after_s: armed
-        monkeypatch.setattr(obstacle_output, "time", SimpleNamespace(monotonic_ns=lambda: self.now_ns, sleep=self._sleep))
+        monkeypatch.setattr(
+            obstacle_output, "time", SimpleNamespace(monotonic_ns=lambda: self.now_ns, sleep=self._sleep)
+        )
         avoid = AvoidParams(send=True, stop_hold_s=HOLD_S)
         self.part = ObstacleOutput(avoid, SEEN, AutopilotLine(self._vehicle, self.posted.append))
         self.sender = SimpleNamespace(report=report, running=True, close=self._close, sent=0)

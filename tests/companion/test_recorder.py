@@ -24,7 +24,7 @@ from companion.log.provenance import run_info
 from companion.log.recorder import Recorder
 from companion.log.repair import Repairs
 from companion.pipeline.configured import make_pipeline
-from companion.pipeline.events import RawFrame
+from companion.pipeline.events import RawMavlink
 from companion.pipeline.pipeline import Pipeline
 from companion.pipeline.state import PipelineState
 from companion.replay.replay import Options, replay
@@ -180,7 +180,7 @@ def test_what_is_held_is_bounded_too(tmp_path: Path) -> None:
         assert recorder.status.queued == 100
         assert recorder.status.dropped == 51
         recorder.events([sample, sample])  # not taken any more, and each is counted
-        recorder.frames([RawFrame(b"x", 1), RawFrame(b"y", 2), RawFrame(b"z", 3)])
+        recorder.mavlink([RawMavlink(b"x", 1), RawMavlink(b"y", 2), RawMavlink(b"z", 3)])
         assert recorder.status.dropped == 56
         assert recorder.wants_begin
     recorder.close()
