@@ -1,13 +1,13 @@
-"""`companion doctor --apply`: the only place that writes parameters of an autopilot.
+"""The only place that writes parameters of an autopilot, for `companion doctor --apply`.
 
-The changes are listed, confirmed by typing yes, written while the vehicle is disarmed, and read back."""
+The changes are proposed, written while the vehicle is disarmed, and read back."""
 
 from __future__ import annotations
 
 import math
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -23,7 +23,6 @@ from .firmware_version import VersionReader
 from .parameter_advice import parameter_faults
 from .parameter_fault import AutopilotFacts
 from .parameters import ParameterReader, param_value_of, value_of
-from .restart_pending import TEXT as RESTART_TEXT
 from .session_factory import params_of, signing_of
 
 NS = 1_000_000_000
@@ -176,25 +175,3 @@ class ParameterWriter:
         if fault:
             raise ValueError(f"target system is ambiguous: {fault}")
         return vehicle.autopilot, vehicle.system_id, status.clock_restarts + self._silences
-
-
-def apply(config: Config, patience_s: float, agreed: Callable[[list[Change]], bool]) -> Iterator[tuple[bool, str]]:
-    """Proposes, asks `agreed`, writes: (as it should be, words) of each step. Raises DriverError for the line's key."""
-    with ParameterWriter(config, patience_s) as writer:
-        try:
-            wanted = writer.propose()
-        except ValueError as error:
-            yield False, f"nothing is written: {error}"
-            return
-        if not wanted:
-            yield True, "nothing to change"
-            return
-        if not agreed(wanted):
-            yield False, f"nothing is written: without a yes. Proposed: {'; '.join(c.text() for c in wanted)}"
-            return
-        pending = False
-        for change, failure in writer.write(wanted):
-            pending |= not failure and change.name in REBOOT
-            yield not failure, f"{change.name}: {failure}" if failure else f"written and read back: {change.text()}"
-        if pending:
-            yield False, RESTART_TEXT

@@ -2,12 +2,11 @@
 
 When the service runs, its health report is read, since it holds the cameras and the link. Otherwise each part is tried as
 the service would use it: every camera in a process of its own, the autopilot over its link. Nothing is changed, except the
-autopilot's parameters with `--apply` after a confirmation (`companion.autopilot.parameter_writer`)."""
+autopilot's parameters with `--apply` after a confirmation (`companion.doctor.apply`)."""
 
 from __future__ import annotations
 
 import argparse
-import sys
 from collections.abc import Iterable, Iterator
 from dataclasses import asdict
 from itertools import chain
@@ -16,8 +15,6 @@ from typing import Any
 from drivers.base import DriverError
 
 from ..argument_types import number_in
-from ..autopilot.parameter_writer import Change, apply
-from ..autopilot.restart_pending import TEXT as RESTART_TEXT
 from ..common_options import add_config
 from ..config.devices import device_problems
 from ..config.differences import expert_lines, safety_lines
@@ -27,6 +24,7 @@ from ..console import print_json, print_line
 from ..diagnostic import DiagnosticCode
 from ..live.diagnostics import template_intrinsics
 from ..usage_error import UsageError
+from .apply import apply, confirmed
 from .autopilot_check import autopilot_findings
 from .camera_check import camera_findings
 from .computer_check import computer_findings
@@ -71,33 +69,6 @@ def config_findings(config: Config) -> Iterator[Finding]:
         yield Finding("cameras", False, text, DiagnosticCode.CAMERA_UNAVAILABLE)
     for name, lines in (("safety keys", safety_lines(config)), ("expert keys", expert_lines(config))):
         yield Finding(name, True, "all have their defaults" if not lines else f"changed: {'; '.join(lines)}")
-
-
-def applied(config: Config, patience_s: float, *, yes: bool) -> Iterator[Finding]:
-    """Writes the missing parameters of the autopilot after a confirmation, while no service holds the link."""
-    if not config.autopilot.address:
-        return
-    if running_service(config, patience_s) is not None:
-        text = "nothing is written: the service holds the link; stop it first (systemctl stop osape-companion)"
-        yield Finding("apply", False, text, DiagnosticCode.PARAMETERS_NOT_WRITTEN)
-        return
-    try:
-        for ok, text in apply(config, patience_s, (lambda wanted: True) if yes else _confirmed):
-            pending = text == RESTART_TEXT
-            code = DiagnosticCode.PARAMETER_ADVICE if pending else DiagnosticCode.PARAMETERS_NOT_WRITTEN
-            yield Finding("apply", ok, text, "" if ok else code)
-    except DriverError as error:
-        yield Finding("apply", False, f"nothing is written: {error}", DiagnosticCode.PARAMETERS_NOT_WRITTEN)
-
-
-def _confirmed(wanted: list[Change]) -> bool:
-    """Prints the list of changes and asks for a typed `yes`."""
-    print_line("to be written to the autopilot:")
-    for change in wanted:
-        print_line(f"    {change.text()}")
-    sys.stdout.write("type yes to write them: ")
-    sys.stdout.flush()
-    return sys.stdin.readline().strip() == "yes"
 
 
 def _measure_mounts(config: Config, args: argparse.Namespace) -> int:
@@ -163,7 +134,7 @@ def run(args: argparse.Namespace) -> int:
     config = load_config(config_path(args.config))
     if args.mount:
         return _measure_mounts(config, args)
-    writing = applied(config, args.patience, yes=args.yes) if args.apply else iter(())
+    writing = apply(config, args.patience, (lambda wanted: True) if args.yes else confirmed) if args.apply else ()
     found = chain(writing, examine(config, args.patience))
     if args.json:
         findings = list(found)

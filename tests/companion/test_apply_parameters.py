@@ -17,10 +17,10 @@ import drivers
 from companion.autopilot.firmware_version import FirmwareVersion
 from companion.autopilot.parameter_advice import advice
 from companion.autopilot.parameter_fault import AutopilotFacts
-from companion.autopilot.parameter_writer import Change, apply, changes
+from companion.autopilot.parameter_writer import Change, changes
 from companion.cli import main
 from companion.config.loader import Config, load_config
-from companion.doctor import autopilot_check, doctor
+from companion.doctor import apply, autopilot_check, doctor
 from drivers.mavlink.session import SILENT_NS
 from drivers.simulation.autopilot import ARDUPILOT, PX4, SimulatedAutopilot
 from drivers.simulation.autopilot_link import AutopilotLink, UdpEnd
@@ -113,7 +113,7 @@ def test_with_a_typed_yes_all_is_written_and_read_back(
 @pytest.mark.parametrize(("answer", "confirmed"), [("yes\n", True), ("no\n", False), ("", False), ("y\n", False)])
 def test_only_a_typed_yes_confirms(answer: str, confirmed: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     type_in(answer, monkeypatch)
-    assert doctor._confirmed([]) is confirmed
+    assert apply.confirmed([]) is confirmed
 
 
 def test_without_confirmation_nothing_is_written(
@@ -153,7 +153,7 @@ def test_nothing_is_written_to_an_armed_vehicle(kind: str, tmp_path: Path, capsy
 
 
 def steps(config: Path, agreed: Callable[[list[Change]], bool], patience_s: float = 60.0) -> list[tuple[bool, str]]:
-    return list(apply(load_config(config), patience_s, agreed))
+    return [(f.ok, f.text) for f in apply.apply(load_config(config), patience_s, agreed)]
 
 
 def test_nothing_is_written_when_the_vehicle_is_armed_before_the_confirmation(tmp_path: Path) -> None:
@@ -266,7 +266,8 @@ def test_without_an_autopilot_or_beside_the_service_nothing_is_written(
     with flying(PX4, tmp_path, BAD[PX4]) as (line, config):
         line.change(lambda a: setattr(a, "silent", True))
         assert "heartbeat" in steps(config, lambda wanted: True, 1.0)[0][1]
-        monkeypatch.setattr(doctor, "running_service", lambda config, patience_s: [])
+        for module in (apply, doctor):
+            monkeypatch.setattr(module, "running_service", lambda config, patience_s: [])
         main(["doctor", "-c", str(config), "--apply", "--yes", "--json"])
         assert sets(line) == []
     assert "stop it first" in capsys.readouterr().out
