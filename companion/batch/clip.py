@@ -20,8 +20,7 @@ from ..log.provenance import run_info
 from ..pipeline.configured import make_pipeline
 from ..pipeline.pipeline import Pipeline
 from ..replay.compare import key_of
-from ..replay.recorded_config import recorded_config
-from ..replay.recorded_run import decoded_state, opening_state, skipped_live
+from ..replay.recorded_run import decoded_state, opening_state, recorded_config, skipped_live
 
 _OPENING: Final = ("run", "camera_info", "calibration")
 """Messages that `LogWriter.begin` writes."""

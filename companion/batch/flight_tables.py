@@ -13,7 +13,7 @@ from osape_client.proto import osape_v1_pb2 as pb
 from ..config.loader import Config, config_text
 from ..log.provenance import software
 from ..pipeline.results import FrameDecision, Output
-from ..replay.recorded_config import readable_recorded_config
+from ..replay.recorded_run import readable_recorded_config
 from .events import NS, FlightEvents, FrameSummary
 from .flights import Flight
 from .frame_rows import FrameRows, plane_rows, result_columns, text_hash
@@ -25,7 +25,7 @@ _HEALTH_GAP_NS: Final = 3 * NS
 
 
 class FlightTables:
-    """The observer of a flight's replays (companion.replay.observer). `begin_file` before and `end_file` after each file,
+    """The observer of a flight's replays (companion.replay.replay). `begin_file` before and `end_file` after each file,
     then `finish`; `discard` in any case."""
 
     def __init__(self, flight: Flight, folder: Path, near_m: float, with_planes: bool) -> None:

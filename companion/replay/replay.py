@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Protocol
 
 from core.types import CameraInfo, DepthFrame
 from drivers.base import BadData, Event
@@ -28,9 +29,7 @@ from ..pipeline.track_messages import tracks_message
 from ..pipeline.tracking import TracksResult
 from ..self_check.exposure_monitor import ExposureOffsetMonitor
 from .compare import Comparison, Key, key_of
-from .observer import Observer
-from .recorded_config import readable_recorded_config, recorded_config
-from .recorded_run import decoded_state, opening_state, skipped_live
+from .recorded_run import decoded_state, opening_state, readable_recorded_config, recorded_config, skipped_live
 from .replay_report import Replay, depth_note
 from .summary import ReplayCounts
 
@@ -45,6 +44,23 @@ def process(
         for output in outputs:
             counts.output(output)
         yield event, outputs
+
+
+class Observer(Protocol):
+    """Receives the results of a replay, and messages of the log, in file order."""
+
+    @property
+    def keys(self) -> tuple[str, ...]:
+        """The kinds of messages (keys of TOPICS) to receive."""
+
+    def begin(self, source: McapRecording, config: Config) -> None:
+        """Called first. config: the configuration in use."""
+
+    def logged(self, item: LoggedMessage) -> None:
+        """Called for a message of the log."""
+
+    def output(self, output: Output) -> None:
+        """Called for an output of the pipeline."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -16,7 +16,7 @@ import zmq
 from google.protobuf.message import Message
 
 from drivers.base import DeviceNotFound
-from osape_client.ipv6 import allow_ipv6
+from osape_client.connect import allow_ipv6
 
 from ..pipeline.encode import wire_bytes
 from .curve_auth import ServerKeys, beyond_loopback, serve

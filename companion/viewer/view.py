@@ -12,7 +12,7 @@ from drivers.base import BadData
 from drivers.logs.reader import McapRecording
 
 from ..config.loader import ConfigError
-from ..replay.recorded_config import recorded_config
+from ..replay.recorded_run import recorded_config
 from ..whole_file import write_whole
 from .foxglove_layout import LAYOUT_NAME, write_layout
 from .frame import FrameStatus, select_frames

@@ -18,7 +18,7 @@ PROGRAM = """
 import json, sys
 from pathlib import Path
 import numpy as np
-from companion.viewer.first_frame import load_drawing
+from companion.viewer.live_view import load_drawing
 from companion.viewer.live_page import frame_of
 from companion.viewer.live_camera import Shown
 from osape_client.proto import osape_v1_pb2 as pb

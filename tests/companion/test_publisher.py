@@ -21,8 +21,8 @@ from companion.streams.curve_auth import AllowList, beyond_loopback, load_keys, 
 from companion.streams.publisher import MOST_RECEIVED_BYTES, Publisher, Stream
 from drivers.base import BadData, DeviceNotFound
 from osape_client.boot import boot_id
-from osape_client.newest_socket import NewestSocket
 from osape_client.proto import osape_v1_pb2 as pb
+from osape_client.stream_subscriber import StreamSubscriber
 
 pytestmark = pytest.mark.process
 
@@ -194,11 +194,11 @@ def test_a_stream_on_an_ipv6_address(context: Context) -> None:
     publisher = Publisher(Stream("prisms", "tcp://[::1]:*"), context)
     address = publisher.socket.getsockopt_string(zmq.LAST_ENDPOINT)
     assert address_in_use(address)
-    subscriber = NewestSocket(address, None)
+    subscriber = StreamSubscriber("prisms", address, None)
     found = None
     for k in range(6000):
         publisher.publish(frame(k))
-        found = subscriber.take(10)
+        found = subscriber._socket.take(10)
         if found is not None:
             break
     subscriber.close()

@@ -8,7 +8,6 @@ from typing import Final
 import zmq
 
 from .curve_keys import use_client_keys
-from .ipv6 import allow_ipv6
 
 MOST_BYTES: Final = 16 << 20
 """Largest message of a stream that is received. Decoded, a message that is made for it takes up to 90 times as much memory."""
@@ -27,3 +26,10 @@ def connect(socket: zmq.Socket[bytes], address: str, keys: Path | None, most_byt
         socket.connect(address)
     except zmq.ZMQError as error:
         raise ValueError(f"{address}: {error.strerror or error}; use ipc://PATH or tcp://HOST:PORT") from error
+
+
+def allow_ipv6(socket: zmq.Socket[bytes], address: str) -> None:
+    """Call before bind or connect. ZeroMQ refuses IPv6 unless asked. It is not asked for names of hosts, which would then
+    lead to an IPv6 address where a service may listen on IPv4 only."""
+    if address.startswith("tcp://["):
+        socket.setsockopt(zmq.IPV6, 1)

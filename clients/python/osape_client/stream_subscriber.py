@@ -6,19 +6,35 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
-from .newest_socket import NewestSocket
+import zmq
+
+from .connect import connect
+from .receive_time import TimedSocket
 from .run_folder import run_folder
 
 
 class StreamSubscriber:
-    """A subscription that keeps the newest message of one stream, usable as a context manager. Not thread-safe.
+    """A subscription that keeps only the newest message of one stream, usable as a context manager. Not thread-safe.
 
     stream: name of the stream; address: None: the service on this machine; keys: folder of this client's CURVE keys. Raises
-    KeyFileError."""
+    KeyFileError, and ValueError for an address that cannot be used."""
 
     def __init__(self, stream: str, address: str | None, keys: Path | None) -> None:
         self.address = address or f"ipc://{run_folder()}/{stream}"
-        self._socket = NewestSocket(self.address, keys)
+        self._context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
+        try:
+            self._socket = TimedSocket(self._connected(keys), self.address)
+        except BaseException:
+            self._context.destroy(linger=0)
+            raise
+
+    def _connected(self, keys: Path | None) -> zmq.Socket[bytes]:
+        socket = self._context.socket(zmq.SUB)
+        socket.setsockopt(zmq.SUBSCRIBE, b"")
+        socket.setsockopt(zmq.CONFLATE, 1)  # keep the newest message only
+        socket.setsockopt(zmq.LINGER, 0)
+        connect(socket, self.address, keys)
+        return socket
 
     def __enter__(self) -> Self:
         return self
@@ -31,3 +47,4 @@ class StreamSubscriber:
     def close(self) -> None:
         """Closes the subscription. May be called twice."""
         self._socket.close()
+        self._context.term()
