@@ -25,7 +25,7 @@ from scipy.spatial import ConvexHull
 
 from companion.autopilot.failsafe import AutopilotNow
 from companion.autopilot.obstacle_distance import UNKNOWN, clear_cm, obstacle_distance_message
-from companion.autopilot.obstacle_report import SeenCameras
+from companion.autopilot.obstacle_report import CameraUse
 from companion.autopilot.report_builder import ObstacleReportBuilder
 from companion.config.avoidance import AvoidParams
 from companion.pipeline.pipeline import Pipeline
@@ -78,7 +78,7 @@ class Flight:
         px4 = self.autopilot == "PX4"
         self.reader = Px4Reader(cp_dist_m=MARGIN_M) if px4 else ArduPilotReader(margin_m=MARGIN_M, filter_hz=1.0)
         self.pipeline = Pipeline((CAMERA,), lambda info: Extractor())
-        self.builder = ObstacleReportBuilder(AVOID, SeenCameras(cameras=(CAMERA.camera,), timeout_s=0.3))
+        self.builder = ObstacleReportBuilder(AVOID, CameraUse(cameras=(CAMERA.camera,), timeout_s=0.3))
         self.builder.announce(CAMERA)
 
     def fly(self, seconds: float) -> None:

@@ -11,7 +11,7 @@ import numpy as np
 
 from companion.autopilot.failsafe import AutopilotNow
 from companion.autopilot.line import AutopilotLine
-from companion.autopilot.obstacle_report import SeenCameras
+from companion.autopilot.obstacle_report import CameraUse
 from companion.autopilot.report_builder import ObstacleReportBuilder
 from companion.autopilot.surroundings import Surroundings
 from companion.config.avoidance import AvoidParams
@@ -108,12 +108,12 @@ class GuardLoop:
         self.guard = Guard(self.params, self.avoid, line, self._link_status, None)
         self._builder = ObstacleReportBuilder(
             self.avoid,
-            SeenCameras(
+            CameraUse(
                 cameras=(camera.camera,), timeout_s=0.3, observer=self.guard.observe, reach_m=self.params.horizon_m
             ),
         )
         self._first_shown = ObstacleReportBuilder(
-            replace(self.avoid, confirm_px=0), SeenCameras(cameras=(camera.camera,), timeout_s=0.3, observer=self._note)
+            replace(self.avoid, confirm_px=0), CameraUse(cameras=(camera.camera,), timeout_s=0.3, observer=self._note)
         )
         for builder in self._builders():
             builder.announce(camera)

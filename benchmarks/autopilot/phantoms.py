@@ -13,7 +13,7 @@ from functools import lru_cache
 import numpy as np
 
 from companion.autopilot.failsafe import AutopilotNow
-from companion.autopilot.obstacle_report import SeenCameras
+from companion.autopilot.obstacle_report import CameraUse
 from companion.autopilot.report_builder import ObstacleReportBuilder
 from companion.config.avoidance import AvoidParams
 from companion.pipeline.pipeline import Pipeline
@@ -54,7 +54,7 @@ class Hover:
 def hover(frames: int, confirm_px: int, kind: str = "ArduPilot", wall_m: float = 8.0, seed: int = 3) -> Hover:
     """Hovers before the wall; a frame at 12 Hz, and a message after each."""
     avoid = AvoidParams(confirm_px=confirm_px, avoid_margin_m=2.0)
-    builder = ObstacleReportBuilder(avoid, SeenCameras(cameras=(CAMERA.camera,), timeout_s=0.3))
+    builder = ObstacleReportBuilder(avoid, CameraUse(cameras=(CAMERA.camera,), timeout_s=0.3))
     builder.announce(CAMERA)
     weak, messages, near = 0, 0, 0
     for n, result in enumerate(_results(frames, wall_m, seed)):

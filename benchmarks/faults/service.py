@@ -11,7 +11,7 @@ from companion.autopilot.autopilot_values import AutopilotValues
 from companion.autopilot.failsafe import AutopilotNow
 from companion.autopilot.last_values import LastValuesFile
 from companion.autopilot.obstacle_output import READS
-from companion.autopilot.obstacle_report import ObstacleReport, SeenCameras
+from companion.autopilot.obstacle_report import CameraUse, ObstacleReport
 from companion.autopilot.report_builder import ObstacleReportBuilder
 from companion.autopilot.sender import messages_of
 from companion.cameras.frozen_frames import FrozenFrameDetector
@@ -51,7 +51,7 @@ class Service:
         self._frozen = {c.camera: "" for c in cameras}
         self._queue = EventQueue()
         self._pipeline = Pipeline((), lambda info: Extractor())
-        seen = SeenCameras(
+        seen = CameraUse(
             cameras=tuple(c.camera for c in cameras),
             timeout_s=timeout_s,
             params=params,

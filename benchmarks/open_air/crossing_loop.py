@@ -18,7 +18,7 @@ from benchmarks.open_air.vehicles import MARGIN_M, vehicle_of
 from benchmarks.open_air.views import profile_of
 from companion.autopilot.failsafe import AutopilotNow
 from companion.autopilot.obstacle_distance import clear_cm, obstacle_distance_message
-from companion.autopilot.obstacle_report import SeenCameras
+from companion.autopilot.obstacle_report import CameraUse
 from companion.autopilot.polar_histogram import centres_rad
 from companion.autopilot.report_builder import ObstacleReportBuilder
 from companion.config.avoidance import AvoidParams
@@ -144,7 +144,7 @@ class CrossingLoop:
         self._extractor = Extractor(Params(), open_sky)
         self._pipeline = Pipeline((self._info,), lambda info: self._extractor)
         self._builder = ObstacleReportBuilder(
-            AVOID, SeenCameras(cameras=(self._info.camera,), timeout_s=0.3, open_counts=open_sky.presumes)
+            AVOID, CameraUse(cameras=(self._info.camera,), timeout_s=0.3, open_counts=open_sky.presumes)
         )
         self._builder.announce(self._info, unmatched_columns(self._camera.profile))
         self.flown = Flown()

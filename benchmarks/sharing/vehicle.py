@@ -15,7 +15,7 @@ from benchmarks.sharing.delays import Confirmed, Received
 from benchmarks.sharing.flights import HZ, Seen
 from companion.config.share import ShareConfig
 from companion.share.output import SharingOutput
-from companion.share.thread import OwnVehicle, Sharing
+from companion.share.sharing_thread import OwnVehicle, Sharing
 from companion.streams.publication import PublicationStamps
 from core.sharing.obstacles import SharedObstacles
 from core.sharing.packet_codec import decoded

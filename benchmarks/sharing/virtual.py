@@ -15,8 +15,8 @@ from benchmarks.sharing.vehicle import COMPONENT, KEY, REST_S, Outcome, samples_
 from companion.config.share import ShareConfig
 from companion.share.own_motion import Motion
 from companion.share.own_planes import own_planes
+from companion.share.sharing_thread import OWN_PLANES_NS, SEND_NS, STEP_S, is_due
 from companion.share.team import Team
-from companion.share.thread import OWN_PLANES_NS, SEND_NS, STEP_S, is_due
 from core.sharing.send_budget import Budget
 from core.world.world import Observation, World
 from drivers.mavlink.signing import Signing

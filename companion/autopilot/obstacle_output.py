@@ -34,7 +34,7 @@ from .landed import EXTENDED_SYS_STATE
 from .last_values import LastValuesFile
 from .line import AutopilotLine
 from .obstacle_distance import clear_cm
-from .obstacle_report import ObstacleReport, SeenCameras
+from .obstacle_report import CameraUse, ObstacleReport
 from .parameter_advice import advice
 from .parameter_fault import AutopilotFacts
 from .px4_advice import delay_advice, position_mode_fault
@@ -59,12 +59,12 @@ class ObstacleOutput:
     """Obstacle output of one link."""
 
     def __init__(
-        self, avoid: AvoidParams, seen: SeenCameras, line: AutopilotLine, last: LastValuesFile | None = None
+        self, avoid: AvoidParams, use: CameraUse, line: AutopilotLine, last: LastValuesFile | None = None
     ) -> None:
         """Creates the output without starting its thread.
 
         last: values of the autopilot that were read before this start, used until they are read again."""
-        self._avoid, self._cameras, self._line = avoid, seen.cameras, line
+        self._avoid, self._cameras, self._line = avoid, use.cameras, line
         self._next_ask_ns = self._end_ns = 0
         self._lock = threading.Lock()
         self._latencies = Latencies((LatencyStage.EXPOSURE_TO_AUTOPILOT,))
@@ -75,8 +75,8 @@ class ObstacleOutput:
         self._mount_degraded: dict[str, bool] = {}
         self._link: LinkStatus | None = None
         self._counted: ObstacleReport | None = None
-        self._clear_check = ClearCheck(avoid, seen.params)
-        self._builder = ObstacleReportBuilder(avoid, seen)
+        self._clear_check = ClearCheck(avoid, use.params)
+        self._builder = ObstacleReportBuilder(avoid, use)
         self.sender = ObstacleSender(self._builder, avoid, self._autopilot, self._send)
 
     def open(self) -> None:
@@ -263,16 +263,14 @@ class ObstacleOutput:
         self._line.post(message)
 
 
-def seen_cameras(
-    config: Config, cameras: Mapping[str, CameraSupervisor], observer: Observer | None = None
-) -> SeenCameras:
-    """Returns the cameras of a configuration. cameras: supervisors by name; observer: see SeenCameras."""
+def camera_use(config: Config, cameras: Mapping[str, CameraSupervisor], observer: Observer | None = None) -> CameraUse:
+    """Returns the cameras of a configuration. cameras: supervisors by name; observer: see CameraUse."""
 
     def frozen(camera: str) -> str:
         status = cameras[camera].status
         return f"{status.condition}: {status.cause}" if status.condition is CameraCondition.FROZEN else ""
 
-    return SeenCameras(
+    return CameraUse(
         cameras=tuple(cameras),
         timeout_s=config.service.timeout_s,
         params=config.extractor,

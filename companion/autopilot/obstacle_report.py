@@ -35,7 +35,7 @@ class ObstacleReport:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class SeenCameras:
+class CameraUse:
     """The cameras whose frames decide, and how their frames are used."""
 
     cameras: tuple[str, ...]  # names of all configured cameras

@@ -27,7 +27,7 @@ from .free_space_memory import FreeMemory
 from .obstacle_distance import for_reader
 from .obstacle_distance_3d import other_points
 from .obstacle_memory import Here, ObstacleMemory, Remembered, nothing_remembered
-from .obstacle_report import RECKONING_ERRORS, ObstacleReport, SeenCameras
+from .obstacle_report import RECKONING_ERRORS, CameraUse, ObstacleReport
 from .polar_histogram import SECTORS, Recall, SectorScan, scan
 from .seen_sectors import SectorSight, SeenSectors
 from .surroundings import Surroundings
@@ -71,10 +71,10 @@ class ObstacleReportBuilder:
     `samples`, `announce`, `result` and `end` may be called from any thread and never wait for a decision. `catch_up` and
     `decide` are called by one thread at a time; everything else belongs to it."""
 
-    def __init__(self, avoid: AvoidParams, seen: SeenCameras) -> None:
+    def __init__(self, avoid: AvoidParams, use: CameraUse) -> None:
         """Makes a builder without any frame yet. avoid: parameters of the obstacle output."""
-        self._avoid, self._use, self._cameras, self._observer = avoid, seen, seen.cameras, seen.observer
-        self._timeout_ns = round(seen.timeout_s * NS)
+        self._avoid, self._use, self._cameras, self._observer = avoid, use, use.cameras, use.observer
+        self._timeout_ns = round(use.timeout_s * NS)
         self._waiting: deque[tuple[CameraInfo, Coverage] | PrismsResult] = deque()
         self._motion = VehicleMotion()
         self._newest: dict[str, PrismsResult] = {}
@@ -86,13 +86,13 @@ class ObstacleReportBuilder:
         self._everywhere = everywhere(avoid)
         # the seeing cameras, and the sectors for them; None: not computed
         self._covered: tuple[tuple[str, ...], CoveredSectors] | None = None
-        self._recovery = Recovery(seen.cameras, avoid.recover_frames)
+        self._recovery = Recovery(use.cameras, avoid.recover_frames)
         self._policy = BlindPolicy(avoid)
         self._memory = ObstacleMemory(avoid)
-        self._freed = FreeMemory(avoid, seen.reach_m)
+        self._freed = FreeMemory(avoid, use.reach_m)
         self._overhead = Overhead(avoid)
         self._overhead_ns: dict[str, int] = {}
-        self._undecided: dict[str, deque[PrismsResult]] = {c: deque(maxlen=MOST_UNDECIDED) for c in seen.cameras}
+        self._undecided: dict[str, deque[PrismsResult]] = {c: deque(maxlen=MOST_UNDECIDED) for c in use.cameras}
         self._newest_good_ns: int | None = None
         self._ended = ""
 

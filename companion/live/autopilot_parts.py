@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from ..autopilot.last_values import LastValuesFile
     from ..autopilot.obstacle_output import ObstacleOutput
     from ..guard.guard import Guard
-    from ..share.setup import ShareService
+    from ..share.share_service import ShareService
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -93,7 +93,7 @@ def make_autopilot(
     if last is None:
         return AutopilotParts(session=session, link=link)
     from ..autopilot.line import line_of
-    from ..autopilot.obstacle_output import ObstacleOutput, seen_cameras
+    from ..autopilot.obstacle_output import ObstacleOutput, camera_use
 
     line, guard = line_of(session, link), None
     if config.guard.enabled:
@@ -101,5 +101,5 @@ def make_autopilot(
 
         guard = Guard(config.guard, config.avoid, line, link.status, folders.state)
     observer = None if guard is None else guard.observe
-    obstacle_output = ObstacleOutput(config.avoid, seen_cameras(config, cameras, observer), line, last)
+    obstacle_output = ObstacleOutput(config.avoid, camera_use(config, cameras, observer), line, last)
     return AutopilotParts(session=session, link=link, obstacle_output=obstacle_output, guard=guard)

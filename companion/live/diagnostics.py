@@ -89,16 +89,19 @@ def _autopilot_diagnostics(view: AutopilotView | None) -> list[Diagnostic]:
         if not signing and "system id" not in view.link.conflicts:
             found.append(of(DiagnosticCode.NO_HEARTBEAT, f"no heartbeat of an autopilot on {view.address}"))
         return found
+    return found + _attitude_diagnostics(view) + _clock_diagnostics(view.link)
+
+
+def _attitude_diagnostics(view: AutopilotView) -> list[Diagnostic]:
     if view.link.attitude_repeated:
-        found.append(of(DiagnosticCode.ATTITUDE_REPEATED, REPEATED_TEXT))
-    elif view.attitude_age_ns is None or view.attitude_age_ns > ATTITUDE_OLD_NS:
-        age = "was never received" if view.attitude_age_ns is None else f"is {view.attitude_age_ns / NS:.1f} s old"
-        text = f"the attitude {age}: the autopilot does not send it or the link is interrupted"
-        if view.link.attitude_hz > 0.0 and not view.link.stamps_used:
-            text = UNUSED_TEXT
-        found.append(of(DiagnosticCode.ATTITUDE_STALE, text))
-    found += _clock_diagnostics(view.link)
-    return found
+        return [Diagnostic(DiagnosticCode.ATTITUDE_REPEATED, "", REPEATED_TEXT)]
+    if view.attitude_age_ns is not None and view.attitude_age_ns <= ATTITUDE_OLD_NS:
+        return []
+    age = "was never received" if view.attitude_age_ns is None else f"is {view.attitude_age_ns / NS:.1f} s old"
+    text = f"the attitude {age}: the autopilot does not send it or the link is interrupted"
+    if view.link.attitude_hz > 0.0 and not view.link.stamps_used:
+        text = UNUSED_TEXT
+    return [Diagnostic(DiagnosticCode.ATTITUDE_STALE, "", text)]
 
 
 def _clock_diagnostics(link: LinkStatus) -> list[Diagnostic]:

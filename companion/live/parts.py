@@ -21,7 +21,7 @@ from .pipeline_thread import PipelineThread
 if TYPE_CHECKING:
     from ..autopilot.obstacle_output import ObstacleOutput
     from ..guard.guard import Guard
-    from ..share.setup import ShareService
+    from ..share.share_service import ShareService
     from .metrics_server import MetricsServer
     from .world_thread import WorldThread
 

@@ -48,7 +48,7 @@ from .staleness import StalenessMonitor
 from .stream_output import StreamOutput
 
 if TYPE_CHECKING:
-    from ..share.setup import ShareService
+    from ..share.share_service import ShareService
     from .metrics_server import MetricsServer
 
 log = logging.getLogger("companion")
@@ -162,7 +162,7 @@ class Service:
         """The exchange of obstacles with other vehicles, where it is enabled."""
         if not self.config.share.enabled:
             return None
-        from ..share.setup import ShareService  # imported only where it is enabled
+        from ..share.share_service import ShareService  # imported only where it is enabled
 
         def log(key: str, message: Message, t_ns: int) -> None:
             if recorder is not None:

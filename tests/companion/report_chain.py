@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from companion.autopilot.failsafe import AutopilotNow
-from companion.autopilot.obstacle_report import ObstacleReport, SeenCameras
+from companion.autopilot.obstacle_report import CameraUse, ObstacleReport
 from companion.autopilot.report_builder import ObstacleReportBuilder
 from companion.config.avoidance import AvoidParams
 from companion.pipeline.pipeline import Pipeline
@@ -50,7 +50,7 @@ class Chain:
     def __init__(self, found: FrameModel, avoid: AvoidParams = AVOID) -> None:
         self.sees = Sees(found)
         self.pipeline = Pipeline((CAMERA,), lambda info: self.sees)
-        self.builder = ObstacleReportBuilder(avoid, SeenCameras(cameras=("front",), timeout_s=0.3))
+        self.builder = ObstacleReportBuilder(avoid, CameraUse(cameras=("front",), timeout_s=0.3))
         self.builder.announce(CAMERA)
         self.now_ns, self.sequence, self.yaw_rad = 10 * NS, 0, 0.0
         self.position: tuple[float, float, float] | None = None

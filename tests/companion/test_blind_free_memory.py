@@ -8,7 +8,7 @@ from dataclasses import replace
 import pytest
 
 from companion.autopilot.failsafe import AutopilotNow
-from companion.autopilot.obstacle_report import SeenCameras
+from companion.autopilot.obstacle_report import CameraUse
 from companion.autopilot.report_builder import ObstacleReportBuilder
 from companion.pipeline.pipeline import Pipeline
 from companion.pipeline.results import PrismsResult
@@ -35,7 +35,7 @@ class Pair:
         )
         self.sees = {info.camera: Sees(SEEN_FREE) for info in self.infos}
         self.pipeline = Pipeline(self.infos, lambda info: self.sees[info.camera])
-        self.builder = ObstacleReportBuilder(AVOID, SeenCameras(cameras=("a", "b"), timeout_s=0.3))
+        self.builder = ObstacleReportBuilder(AVOID, CameraUse(cameras=("a", "b"), timeout_s=0.3))
         for info in self.infos:
             self.builder.announce(info)
         self.now_ns, self.sequence = 10 * NS, 0

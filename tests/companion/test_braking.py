@@ -10,7 +10,7 @@ import pytest
 
 from companion.autopilot.failsafe import AutopilotNow
 from companion.autopilot.obstacle_distance import obstacle_distance_message
-from companion.autopilot.obstacle_report import SeenCameras
+from companion.autopilot.obstacle_report import CameraUse
 from companion.autopilot.report_builder import ObstacleReportBuilder
 from companion.config.avoidance import AvoidParams
 from companion.pipeline.pipeline import Pipeline
@@ -76,7 +76,7 @@ class Flight:
     def __post_init__(self) -> None:
         extractor = Extractor(self.params)
         self.pipeline = Pipeline((CAMERA,), lambda info: extractor)
-        self.builder = ObstacleReportBuilder(self.avoid, SeenCameras(cameras=("front",), timeout_s=0.3))
+        self.builder = ObstacleReportBuilder(self.avoid, CameraUse(cameras=("front",), timeout_s=0.3))
         self.builder.announce(CAMERA)
         px4 = isinstance(self.reader, Px4Reader)
         self.autopilot = (

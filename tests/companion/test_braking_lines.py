@@ -15,7 +15,7 @@ from companion.autopilot.distance_sensor import DOWNWARD
 from companion.autopilot.failsafe import FENCE_SHARE, STOP_INSIDE_M
 from companion.autopilot.line import line_of
 from companion.autopilot.obstacle_output import ObstacleOutput
-from companion.autopilot.obstacle_report import SeenCameras
+from companion.autopilot.obstacle_report import CameraUse
 from companion.config.avoidance import AvoidParams
 from companion.pipeline.pipeline import Pipeline
 from companion.pipeline.results import PrismsResult
@@ -105,7 +105,7 @@ class Companion:
         self.link = MavlinkLink(parse_address(address), session, self._samples)
         self.avoidance = ObstacleOutput(
             avoid,
-            SeenCameras(cameras=("front",), timeout_s=0.3),
+            CameraUse(cameras=("front",), timeout_s=0.3),
             line_of(session, self.link),
         )
         self.avoidance.announce(CAMERA)

@@ -11,7 +11,7 @@ import pytest
 from companion.autopilot.camera_coverage import covered, covered_sectors, looked_into, too_near_the_edge
 from companion.autopilot.failsafe import AutopilotNow
 from companion.autopilot.obstacle_distance import UNKNOWN
-from companion.autopilot.obstacle_report import SeenCameras
+from companion.autopilot.obstacle_report import CameraUse
 from companion.autopilot.report_builder import ObstacleReportBuilder
 from core.types import CameraInfo, CameraMount, Intrinsics
 
@@ -32,7 +32,7 @@ def beside_a_blind(other: CameraInfo, seeing: CameraInfo) -> Chain:
     """The camera "front" sees no sector wholly, and the other one does not work."""
     chain = Chain(UNSEEN, replace(AVOID, unseen="unknown"))
     chain.builder = ObstacleReportBuilder(
-        replace(AVOID, unseen="unknown"), SeenCameras(cameras=("front", other.camera), timeout_s=0.3)
+        replace(AVOID, unseen="unknown"), CameraUse(cameras=("front", other.camera), timeout_s=0.3)
     )
     chain.builder.announce(seeing)
     chain.builder.announce(other)
@@ -61,7 +61,7 @@ def test_a_camera_that_covers_the_heights_of_a_blind_one_replaces_it(seeing_deg:
 
 def test_a_level_camera_that_sees_keeps_its_clear_sectors_beside_a_blind_one_that_looks_up() -> None:
     chain = Chain(CLEAR)
-    chain.builder = ObstacleReportBuilder(AVOID, SeenCameras(cameras=("front", "up"), timeout_s=0.3))
+    chain.builder = ObstacleReportBuilder(AVOID, CameraUse(cameras=("front", "up"), timeout_s=0.3))
     chain.builder.announce(CAMERA)
     chain.builder.announce(pitched("up", 45.0))
     chain.fly(1.0)
@@ -115,7 +115,7 @@ def test_heights_lower_than_the_distance_of_two_rays_are_covered(roll_deg: float
 
 def test_a_camera_that_is_opened_covers_what_it_looks_into_from_then_on() -> None:
     chain = Chain(CLEAR)
-    chain.builder = ObstacleReportBuilder(AVOID, SeenCameras(cameras=("front", "up"), timeout_s=0.3))
+    chain.builder = ObstacleReportBuilder(AVOID, CameraUse(cameras=("front", "up"), timeout_s=0.3))
     chain.builder.announce(CAMERA)
     chain.fly(1.0)
     never_opened = chain.report(ARDUPILOT).values

@@ -16,7 +16,7 @@ from companion.autopilot.camera_coverage import covered, looked_into
 from companion.autopilot.clear_sectors import OpenedCamera, clear_sectors, far_view, never_clear_texts
 from companion.autopilot.line import AutopilotLine
 from companion.autopilot.obstacle_output import ObstacleOutput
-from companion.autopilot.obstacle_report import SeenCameras
+from companion.autopilot.obstacle_report import CameraUse
 from companion.autopilot.polar_histogram import SectorState, scan
 from companion.autopilot.view_free import View
 from companion.config.avoidance import AvoidParams
@@ -120,7 +120,7 @@ def first_result(info: CameraInfo) -> PrismsResult:
 def test_the_service_reports_a_camera_whose_range_is_too_short() -> None:
     part = ObstacleOutput(
         AvoidParams(send=True),
-        SeenCameras(cameras=("front",), timeout_s=0.3),
+        CameraUse(cameras=("front",), timeout_s=0.3),
         AutopilotLine(lambda: None, lambda message: None),
     )
     info = described("v4l2", 6.0)
@@ -187,7 +187,7 @@ def test_two_cameras_that_cover_the_height_band_together_find_the_way_ahead_clea
 def test_the_service_reports_no_camera_that_another_one_completes() -> None:
     part = ObstacleOutput(
         AvoidParams(send=True, max_distance_m=8.0),
-        SeenCameras(cameras=("down", "up"), timeout_s=0.3),
+        CameraUse(cameras=("down", "up"), timeout_s=0.3),
         AutopilotLine(lambda: None, lambda message: None),
     )
     down, up = (replace(tilted("zed", p), camera=name) for p, name in ((-20.0, "down"), (20.0, "up")))
@@ -229,7 +229,7 @@ def test_an_error_of_the_advice_does_not_end_the_output(monkeypatch: pytest.Monk
     monkeypatch.setattr(clear_sectors_module, "no_clear_text", fails)
     part = ObstacleOutput(
         AvoidParams(send=True),
-        SeenCameras(cameras=("front",), timeout_s=0.3),
+        CameraUse(cameras=("front",), timeout_s=0.3),
         AutopilotLine(lambda: None, lambda message: None),
     )
     part.announce(described("zed", 12.0))

@@ -9,7 +9,7 @@ import pytest
 from companion.autopilot.clock_note import NO_ANSWERS, UNCERTAIN
 from companion.autopilot.line import AutopilotLine
 from companion.autopilot.obstacle_output import ObstacleOutput
-from companion.autopilot.obstacle_report import SeenCameras
+from companion.autopilot.obstacle_report import CameraUse
 from companion.autopilot.status_text import MOST_CHARACTERS
 from companion.config.avoidance import AvoidParams
 from drivers.mavlink.clock_sync import ClockEstimate, ClockSource
@@ -48,7 +48,7 @@ def texts_of(state: Callable[[int], LinkStatus], seconds: float) -> list[str]:
             texts.append(message.text)
 
     output = ObstacleOutput(
-        AvoidParams(), SeenCameras(cameras=("front",), timeout_s=0.3), AutopilotLine(lambda: VEHICLE, post)
+        AvoidParams(), CameraUse(cameras=("front",), timeout_s=0.3), AutopilotLine(lambda: VEHICLE, post)
     )
     for tenth in range(round(10 * seconds)):
         output.tick(NS + tenth * NS // 10, state(tenth))
@@ -99,7 +99,7 @@ def test_an_autopilot_behind_a_router_without_timesync_is_named(answers: bool) -
             texts.append(message.text)
 
     output = ObstacleOutput(
-        AvoidParams(), SeenCameras(cameras=("front",), timeout_s=0.3), AutopilotLine(lambda: session.vehicle, post)
+        AvoidParams(), CameraUse(cameras=("front",), timeout_s=0.3), AutopilotLine(lambda: session.vehicle, post)
     )
     for k in range(8000):
         now_ns = 100 * NS + k * MS

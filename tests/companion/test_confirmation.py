@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from benchmarks.autopilot.phantoms import hover
-from companion.autopilot.obstacle_report import SeenCameras
+from companion.autopilot.obstacle_report import CameraUse
 from companion.autopilot.report_builder import ObstacleReportBuilder
 from companion.autopilot.surroundings import Surroundings
 from core.types import FrameModel
@@ -34,7 +34,7 @@ def remembers_free() -> tuple[Chain, list[Surroundings]]:
     """A chain that has seen ten free frames, and the surroundings of each decision."""
     shown: list[Surroundings] = []
     chain = Chain(CLEAR)
-    chain.builder = ObstacleReportBuilder(AVOID, SeenCameras(cameras=("front",), timeout_s=0.3, observer=shown.append))
+    chain.builder = ObstacleReportBuilder(AVOID, CameraUse(cameras=("front",), timeout_s=0.3, observer=shown.append))
     chain.builder.announce(CAMERA)
     chain.position = (0.0, 0.0, -2.0)
     for _ in range(10):

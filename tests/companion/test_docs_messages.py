@@ -9,7 +9,7 @@ import numpy as np
 from companion.config.service import STREAMS, WORLD_STREAMS, PublishConfig
 from companion.live.depth_preview import MOST_WAITING
 from companion.live.world_thread import CHANGES_NS
-from companion.share.thread import NS, PUBLISH_NS, SOON_NS
+from companion.share.sharing_thread import NS, PUBLISH_NS, SOON_NS
 from drivers.logs.chunk import MAX_CHUNK_BYTES
 from drivers.logs.record_scanner import _FIRST_RECORDS, _MAX_RECORD_BYTES
 from osape_client.proto import osape_v1_pb2 as pb

@@ -22,7 +22,7 @@ from companion.autopilot.failsafe import (
 )
 from companion.autopilot.obstacle_distance import UNKNOWN, clear_cm, for_reader, near_cm
 from companion.autopilot.obstacle_memory import Remembered
-from companion.autopilot.obstacle_report import SeenCameras
+from companion.autopilot.obstacle_report import CameraUse
 from companion.autopilot.polar_histogram import SECTORS, SectorScan, SectorState, centres_rad
 from companion.autopilot.report_builder import ObstacleReportBuilder
 from companion.config.avoidance import AvoidParams
@@ -163,7 +163,7 @@ def test_no_sector_is_clear_without_the_evidence_for_it(seed: int) -> None:
     coarse = replace(AVOID, rays=2, slices=6, step_m=0.5)
     chain = Chain(CLEAR_VIEW, coarse)
     chain.builder = ObstacleReportBuilder(
-        coarse, SeenCameras(cameras=("front",), timeout_s=0.3, frame_fault=lambda camera: evidence.fault)
+        coarse, CameraUse(cameras=("front",), timeout_s=0.3, frame_fault=lambda camera: evidence.fault)
     )
     chain.builder.announce(CAMERA)
     autopilot = AUTOPILOTS[int(rng.integers(len(AUTOPILOTS)))]

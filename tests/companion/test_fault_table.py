@@ -19,7 +19,7 @@ import pytest
 
 from companion.autopilot.line import line_of
 from companion.autopilot.obstacle_output import ObstacleOutput
-from companion.autopilot.obstacle_report import SeenCameras
+from companion.autopilot.obstacle_report import CameraUse
 from companion.cameras.frozen_frames import FrozenFrameDetector
 from companion.config.avoidance import AvoidParams
 from companion.pipeline.pipeline import Pipeline
@@ -58,7 +58,7 @@ class Flown:
         self.link = MavlinkLink(parse_address(address), session, self._samples)
         self.avoidance = ObstacleOutput(
             AVOID,
-            SeenCameras(cameras=("front",), timeout_s=0.3, frame_fault=lambda camera: self.cause),
+            CameraUse(cameras=("front",), timeout_s=0.3, frame_fault=lambda camera: self.cause),
             line_of(session, self.link),
         )
         self.avoidance.announce(CAMERA)

@@ -15,7 +15,7 @@ from companion.autopilot.flight_modes import Effect, mode_fault, mode_of
 from companion.autopilot.line import AutopilotLine
 from companion.autopilot.obstacle_distance import UNKNOWN
 from companion.autopilot.obstacle_output import ObstacleOutput
-from companion.autopilot.obstacle_report import SeenCameras
+from companion.autopilot.obstacle_report import CameraUse
 from companion.autopilot.parameter_fault import AutopilotFacts
 from companion.autopilot.status_text import MOST_CHARACTERS
 from companion.config.avoidance import AvoidParams
@@ -139,7 +139,7 @@ def test_what_is_sent_when_blind_is_the_same_in_each_mode(kind: str, oa_type: fl
     now = modes[0]
     avoidance = ObstacleOutput(
         AVOID,
-        SeenCameras(cameras=("front",), timeout_s=0.3),
+        CameraUse(cameras=("front",), timeout_s=0.3),
         AutopilotLine(lambda: now, lambda message: None),
     )
     avoidance.announce(INFO)
@@ -166,9 +166,7 @@ def test_the_mode_is_reported_once_and_again_when_it_changes() -> None:
         if isinstance(message, dialect.MAVLink_statustext_message):
             texts.append(message.text)
 
-    avoidance = ObstacleOutput(
-        AVOID, SeenCameras(cameras=("front",), timeout_s=0.3), AutopilotLine(lambda: now[0], post)
-    )
+    avoidance = ObstacleOutput(AVOID, CameraUse(cameras=("front",), timeout_s=0.3), AutopilotLine(lambda: now[0], post))
     for tenth in range(100):
         avoidance.tick(NS + tenth * NS // 10)
     assert texts == ["OA: AUTO does not brake"]
@@ -184,7 +182,7 @@ def test_px4_need_not_send_obstacles_back_before_position_mode(monkeypatch: pyte
     """In takeoff PX4 does not evaluate obstacles; their time does not count when Position mode begins."""
     now = [vehicle("PX4", 4 << 16 | 2 << 24)]
     avoidance = ObstacleOutput(
-        AVOID, SeenCameras(cameras=("front",), timeout_s=0.3), AutopilotLine(lambda: now[0], lambda message: None)
+        AVOID, CameraUse(cameras=("front",), timeout_s=0.3), AutopilotLine(lambda: now[0], lambda message: None)
     )
     avoidance.announce(INFO)
     chain = Chain(model(wall_at(0.0, 4.0, 2.0), free_to_m=4.0, view_deg=72.0))
@@ -215,9 +213,7 @@ def test_faults_are_sent_again_to_an_autopilot_that_was_switched_off() -> None:
         if isinstance(message, dialect.MAVLink_statustext_message):
             texts.append(message.text)
 
-    avoidance = ObstacleOutput(
-        AVOID, SeenCameras(cameras=("front",), timeout_s=0.3), AutopilotLine(lambda: now[0], post)
-    )
+    avoidance = ObstacleOutput(AVOID, CameraUse(cameras=("front",), timeout_s=0.3), AutopilotLine(lambda: now[0], post))
     avoidance.announce(INFO)
     avoidance.sender.report = avoidance._builder.decide(avoidance._autopilot(), NS)
     for tenth in range(150):

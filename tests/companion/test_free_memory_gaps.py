@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from companion.autopilot.obstacle_report import SeenCameras
+from companion.autopilot.obstacle_report import CameraUse
 from companion.autopilot.report_builder import ObstacleReportBuilder
 from companion.pipeline.pipeline import Pipeline
 from companion.pipeline.results import PrismsResult
@@ -53,7 +53,7 @@ class Flight:
         self.sees = Sees(FREE)
         infos = (CAMERA, *(replace(CAMERA, camera=name) for name in others))
         self.pipeline = Pipeline(infos, lambda info: self.sees)
-        self.builder = ObstacleReportBuilder(AVOID, SeenCameras(cameras=("front", *others), timeout_s=0.3))
+        self.builder = ObstacleReportBuilder(AVOID, CameraUse(cameras=("front", *others), timeout_s=0.3))
         for info in infos:
             self.builder.announce(info)
         self.now_ns, self.sequence, self.pitch_rad = 10 * NS, 0, 0.0

@@ -12,8 +12,8 @@ import zmq
 from companion.config.loader import config_of
 from companion.live.world_thread import open_world
 from companion.paths import Folders
-from companion.share import setup
-from companion.share.setup import ShareService
+from companion.share import share_service
+from companion.share.share_service import ShareService
 from companion.streams.publication import PublicationStamps
 from companion.streams.publisher import Publisher, Stream
 from drivers.base import DeviceNotFound
@@ -40,7 +40,7 @@ def test_the_stream_of_neighbours_is_closed_where_a_link_cannot_be_made(
     def fails(*_: Any) -> None:
         raise DeviceNotFound("no such line")
 
-    monkeypatch.setattr(setup, "TunnelLine", fails)
+    monkeypatch.setattr(share_service, "TunnelLine", fails)
     content = {
         "autopilot": {"address": "udpin:127.0.0.1:14550"},
         "publish": {"world": "ipc://{run}/world", "world_requests": "ipc://{run}/requests"},

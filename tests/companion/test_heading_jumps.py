@@ -14,7 +14,7 @@ from companion.autopilot.distance_sensor import Overhead
 from companion.autopilot.free_space_memory import FreeMemory
 from companion.autopilot.obstacle_distance import UNKNOWN
 from companion.autopilot.obstacle_memory import Here, ObstacleMemory
-from companion.autopilot.obstacle_report import SeenCameras
+from companion.autopilot.obstacle_report import CameraUse
 from companion.autopilot.polar_histogram import scan
 from companion.autopilot.report_builder import ObstacleReportBuilder
 from companion.autopilot.surroundings import Surroundings
@@ -294,7 +294,7 @@ def test_a_turn_is_not_a_jump() -> None:
 def test_space_seen_free_before_a_jump_does_not_count_after_it() -> None:
     seen: list[Surroundings] = []
     chain = Chain(model(free_to_m=13.0, view_deg=72.0))
-    chain.builder = ObstacleReportBuilder(AVOID, SeenCameras(cameras=("front",), timeout_s=0.3, observer=seen.append))
+    chain.builder = ObstacleReportBuilder(AVOID, CameraUse(cameras=("front",), timeout_s=0.3, observer=seen.append))
     chain.builder.announce(CAMERA)
     chain.position = (0.0, 0.0, -2.0)
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from companion.autopilot.obstacle_distance import UNKNOWN
-from companion.autopilot.obstacle_report import SeenCameras
+from companion.autopilot.obstacle_report import CameraUse
 from companion.autopilot.polar_histogram import SECTORS, SectorScan, SectorState, centres_rad
 from companion.autopilot.report_builder import ObstacleReportBuilder
 from companion.autopilot.seen_sectors import SectorSight, SeenSectors
@@ -312,7 +312,7 @@ class TwoCameras:
         self.sees = {name: Sees(CLEAR) for name in ("a", "b")}
         self.infos = tuple(replace(CAMERA, camera=name) for name in self.sees)
         self.pipeline = Pipeline(self.infos, lambda info: self.sees[info.camera])
-        self.builder = ObstacleReportBuilder(AVOID, SeenCameras(cameras=tuple(self.sees), timeout_s=0.3))
+        self.builder = ObstacleReportBuilder(AVOID, CameraUse(cameras=tuple(self.sees), timeout_s=0.3))
         for info in self.infos:
             self.builder.announce(info)
         self.now_ns, self.sequence = 10 * NS, 0

@@ -14,7 +14,7 @@ from companion.autopilot.landed import FRESH_NS, LandedState
 from companion.autopilot.line import AutopilotLine
 from companion.autopilot.obstacle_distance import UNKNOWN
 from companion.autopilot.obstacle_output import ObstacleOutput
-from companion.autopilot.obstacle_report import SeenCameras
+from companion.autopilot.obstacle_report import CameraUse
 from companion.config.avoidance import AvoidParams
 from core.types import Ground
 from drivers.mavlink.dialect import dialect
@@ -85,7 +85,7 @@ def test_it_is_asked_for_and_reaches_the_decision() -> None:
     posted: list[Any] = []
     part = ObstacleOutput(
         AvoidParams(send=True),
-        SeenCameras(cameras=("front",), timeout_s=0.3),
+        CameraUse(cameras=("front",), timeout_s=0.3),
         AutopilotLine(lambda: vehicle(True), posted.append),
     )
     part.tick(NS)

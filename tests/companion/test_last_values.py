@@ -11,7 +11,7 @@ from companion.autopilot.firmware_version import FirmwareVersion
 from companion.autopilot.last_values import NAME, LastValues, LastValuesFile
 from companion.autopilot.line import AutopilotLine
 from companion.autopilot.obstacle_output import ObstacleOutput
-from companion.autopilot.obstacle_report import SeenCameras
+from companion.autopilot.obstacle_report import CameraUse
 from companion.config.avoidance import AvoidParams
 from drivers.mavlink.dialect import dialect
 from drivers.mavlink.session_types import Vehicle
@@ -26,7 +26,7 @@ def avoidance(folder: Path, system_id: int = 1, kind: str = "ArduPilot") -> Obst
     vehicle = Vehicle(system_id, kind, 2, True, 5, 0)
     return ObstacleOutput(
         AvoidParams(send=True, avoid_margin_m=2.0),
-        SeenCameras(cameras=("front",), timeout_s=0.3),
+        CameraUse(cameras=("front",), timeout_s=0.3),
         AutopilotLine(lambda: vehicle, ignore),
         last=LastValuesFile(folder),
     )

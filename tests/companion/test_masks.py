@@ -12,7 +12,7 @@ from companion.autopilot.camera_coverage import Look, looked_into
 from companion.autopilot.failsafe import AutopilotNow
 from companion.autopilot.obstacle_distance import UNKNOWN
 from companion.autopilot.obstacle_memory import Here
-from companion.autopilot.obstacle_report import SeenCameras
+from companion.autopilot.obstacle_report import CameraUse
 from companion.autopilot.polar_histogram import SectorState, scan
 from companion.autopilot.report_builder import ObstacleReportBuilder
 from companion.autopilot.vehicle_motion import VehicleMotion
@@ -54,7 +54,7 @@ def flown(
     scene = b.build()
     camera = section(masks, unmatched_left_px=unmatched_left_px)
     pipeline = Pipeline((INFO,), lambda info: Extractor(), mask=lambda info: configured_mask(camera, info))
-    builder = ObstacleReportBuilder(AVOID, SeenCameras(cameras=("front",), timeout_s=0.3))
+    builder = ObstacleReportBuilder(AVOID, CameraUse(cameras=("front",), timeout_s=0.3))
     builder.announce(INFO, unmeasured_mask(camera, INFO))
     result, now_ns = None, 0
     for n in range(1, 11):

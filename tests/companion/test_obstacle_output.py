@@ -14,7 +14,7 @@ from companion.autopilot import obstacle_output, sender
 from companion.autopilot.failsafe import AutopilotNow
 from companion.autopilot.line import AutopilotLine
 from companion.autopilot.obstacle_output import ObstacleOutput
-from companion.autopilot.obstacle_report import ObstacleReport, SeenCameras
+from companion.autopilot.obstacle_report import CameraUse, ObstacleReport
 from companion.config.avoidance import AvoidParams
 from drivers.mavlink.commands import SET_MESSAGE_INTERVAL
 from drivers.mavlink.dialect import dialect
@@ -26,7 +26,7 @@ from .sector_models import model, wall_at
 
 NS = 1_000_000_000
 HOLD_S = 3.0
-SEEN = SeenCameras(cameras=("front",), timeout_s=0.3)
+SEEN = CameraUse(cameras=("front",), timeout_s=0.3)
 WALL = ObstacleReport(NS, np.full(72, 212, np.uint16), {"front": "the service stops"}, "stop")
 
 

@@ -11,7 +11,7 @@ import pytest
 
 from companion.autopilot.failsafe import AutopilotNow
 from companion.autopilot.obstacle_distance import UNKNOWN, obstacle_distance_message
-from companion.autopilot.obstacle_report import SeenCameras
+from companion.autopilot.obstacle_report import CameraUse
 from companion.autopilot.report_builder import MOST_WAITING, ObstacleReportBuilder
 from companion.autopilot.surroundings import Surroundings
 from companion.pipeline.pipeline import Pipeline
@@ -55,7 +55,7 @@ def test_without_a_position_the_turn_alone_is_taken_into_account() -> None:
 
 
 def test_a_camera_that_was_never_described_may_look_anywhere() -> None:
-    builder = ObstacleReportBuilder(AVOID, SeenCameras(cameras=("front",), timeout_s=0.3))
+    builder = ObstacleReportBuilder(AVOID, CameraUse(cameras=("front",), timeout_s=0.3))
     values = builder.decide(ARDUPILOT, NS).values
     assert values is not None
     assert (values == WALL).all()
@@ -64,7 +64,7 @@ def test_a_camera_that_was_never_described_may_look_anywhere() -> None:
 def test_beside_a_camera_that_sees_one_that_was_never_described_may_look_anywhere() -> None:
     """ArduPilot takes unknown for clear, and would fly where that camera should look."""
     chain = Chain(CLEAR)
-    chain.builder = ObstacleReportBuilder(AVOID, SeenCameras(cameras=("front", "rear"), timeout_s=0.3))
+    chain.builder = ObstacleReportBuilder(AVOID, CameraUse(cameras=("front", "rear"), timeout_s=0.3))
     chain.builder.announce(CAMERA)
     chain.fly(1.0)
     values = chain.report(ARDUPILOT).values
@@ -77,7 +77,7 @@ def test_the_surroundings_are_as_old_as_the_oldest_frame_that_counts() -> None:
     shown: list[Surroundings] = []
     rear = replace(CAMERA, camera="rear", mount=CameraMount(yaw_rad=math.pi))
     pipeline = Pipeline((CAMERA, rear), lambda info: Sees(CLEAR))
-    builder = ObstacleReportBuilder(AVOID, SeenCameras(cameras=("front", "rear"), timeout_s=0.3, observer=shown.append))
+    builder = ObstacleReportBuilder(AVOID, CameraUse(cameras=("front", "rear"), timeout_s=0.3, observer=shown.append))
     builder.announce(CAMERA)
     builder.announce(rear)
     for number in range(1, 6):
@@ -99,7 +99,7 @@ def test_the_surroundings_are_as_old_as_the_oldest_frame_that_counts() -> None:
 
 def test_frames_of_a_camera_that_was_never_described_make_nothing_clear() -> None:
     chain = Chain(CLEAR)
-    chain.builder = ObstacleReportBuilder(AVOID, SeenCameras(cameras=("front",), timeout_s=0.3))
+    chain.builder = ObstacleReportBuilder(AVOID, CameraUse(cameras=("front",), timeout_s=0.3))
     chain.fly(1.0)
     assert chain.ahead(PX4) == UNKNOWN
     assert chain.ahead(ARDUPILOT) == WALL
@@ -195,7 +195,7 @@ def test_a_model_that_cannot_be_reckoned_with_is_blindness_and_not_the_end() -> 
 
 def test_a_blind_camera_fills_only_what_it_alone_covers() -> None:
     right = replace(CAMERA, camera="right", mount=CameraMount(yaw_rad=math.radians(60.0)))
-    builder = ObstacleReportBuilder(AVOID, SeenCameras(cameras=("front", "right"), timeout_s=0.3))
+    builder = ObstacleReportBuilder(AVOID, CameraUse(cameras=("front", "right"), timeout_s=0.3))
     chain = Chain(CLEAR)
     chain.builder = builder
     builder.announce(CAMERA)

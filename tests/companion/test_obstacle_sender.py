@@ -15,7 +15,7 @@ from companion.autopilot import sender as sender_module
 from companion.autopilot.confirmation import PlaneConfirmation
 from companion.autopilot.failsafe import AutopilotNow
 from companion.autopilot.obstacle_distance import UNKNOWN
-from companion.autopilot.obstacle_report import ObstacleReport, SeenCameras
+from companion.autopilot.obstacle_report import CameraUse, ObstacleReport
 from companion.autopilot.report_builder import ObstacleReportBuilder
 from companion.autopilot.sender import ObstacleSender
 from companion.autopilot.surroundings import Surroundings
@@ -76,7 +76,7 @@ def test_a_frozen_camera_is_blind_as_soon_as_it_is_known_to_be_though_its_stamps
     chain = Chain(CLEAR)
     frozen = {"front": ""}
     chain.builder = ObstacleReportBuilder(
-        AVOID, SeenCameras(cameras=("front",), timeout_s=0.3, frame_fault=lambda camera: frozen[camera])
+        AVOID, CameraUse(cameras=("front",), timeout_s=0.3, frame_fault=lambda camera: frozen[camera])
     )
     chain.builder.announce(CAMERA)
     chain.fly(1.0)

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from companion.autopilot.obstacle_report import SeenCameras
+from companion.autopilot.obstacle_report import CameraUse
 from companion.autopilot.report_builder import ObstacleReportBuilder
 from companion.autopilot.surroundings import Surroundings
 from companion.config.sync import SyncParams
@@ -100,7 +100,7 @@ def jumping_chain() -> tuple[Chain, list[Surroundings]]:
     """A hover, then a step of the position by 5 m with the same counter."""
     seen: list[Surroundings] = []
     chain = Chain(CLEAR)
-    chain.builder = ObstacleReportBuilder(AVOID, SeenCameras(cameras=("front",), timeout_s=0.3, observer=seen.append))
+    chain.builder = ObstacleReportBuilder(AVOID, CameraUse(cameras=("front",), timeout_s=0.3, observer=seen.append))
     chain.builder.announce(chain.pipeline.cameras[0])
     chain.position = (0.0, 0.0, -2.0)
     for _ in range(20):
@@ -251,7 +251,7 @@ def test_the_merged_world_begins_a_section_where_the_estimate_jumps(north_m: flo
             assert observation is not None
             world.add(observation)
 
-    chain.builder = IntoWorld(AVOID, SeenCameras(cameras=("front",), timeout_s=0.3))
+    chain.builder = IntoWorld(AVOID, CameraUse(cameras=("front",), timeout_s=0.3))
     chain.fly(0.5)
     chain.position, chain.yaw_rad = (north_m, 0.0, -2.0), yaw_rad
     chain.fly(0.5)

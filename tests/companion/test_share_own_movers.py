@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 
 from companion.share.own_movers import OwnMovers
-from companion.share.setup import MOST_STREAM, stream_of
+from companion.share.share_service import MOST_STREAM, stream_of
 from core.sharing.records import MOVER_IDS
 from core.types import PlaneFlags
 

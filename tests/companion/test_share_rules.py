@@ -11,7 +11,7 @@ from companion.diagnostic import DiagnosticCode
 from companion.pipeline.tracking import TracksResult
 from companion.share.output import SharingOutput
 from companion.share.packet_rate import ALL_BURST, BURST, PacketRate
-from companion.share.thread import OwnVehicle, Sharing
+from companion.share.sharing_thread import OwnVehicle, Sharing
 from companion.streams.publication import PublicationStamps
 from drivers.sharing.link import ReceivedPacket
 

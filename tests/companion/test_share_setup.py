@@ -14,7 +14,7 @@ from companion.config.loader import config_of
 from companion.diagnostic import DiagnosticCode
 from companion.paths import Folders
 from companion.share.autopilot_tunnel import AutopilotTunnel
-from companion.share.setup import FOREIGN_READS, READS, REQUEST_AGAIN_NS, REQUEST_NS, ShareService
+from companion.share.share_service import FOREIGN_READS, READS, REQUEST_AGAIN_NS, REQUEST_NS, ShareService
 from companion.streams.publication import PublicationStamps
 from core.types import PoseSample
 from drivers.base import DriverError

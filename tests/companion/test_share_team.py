@@ -21,8 +21,8 @@ from companion.share.output import SharingOutput
 from companion.share.own_motion import Motion
 from companion.share.own_planes import OwnPlanes
 from companion.share.packet_rate import PacketRate
+from companion.share.sharing_thread import OwnVehicle, Sharing
 from companion.share.team import ALIGN_PLANES, NS, Team
-from companion.share.thread import OwnVehicle, Sharing
 from companion.streams.publication import PublicationStamps
 from companion.streams.publisher import Publisher, Stream
 from core.sharing.neighbour import Neighbour

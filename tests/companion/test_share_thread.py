@@ -10,13 +10,13 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-import companion.share.thread as thread_module
+import companion.share.sharing_thread as thread_module
 from companion.config.share import ShareConfig
 from companion.pipeline.tracking import TracksResult
 from companion.share.output import MOST_LOGGED_PER_S, SharingOutput
 from companion.share.own_motion import OwnMotion
 from companion.share.own_planes import OwnPlanes
-from companion.share.thread import SAME_NUMBER_NS, OwnVehicle, Sharing
+from companion.share.sharing_thread import SAME_NUMBER_NS, OwnVehicle, Sharing
 from companion.streams.publication import PublicationStamps
 from core.frames import quaternion_from_euler
 from core.sharing.neighbour_map import NeighbourMap, OwnState

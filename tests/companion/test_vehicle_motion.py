@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from companion.autopilot.obstacle_report import SeenCameras
+from companion.autopilot.obstacle_report import CameraUse
 from companion.autopilot.report_builder import ObstacleReportBuilder
 from companion.autopilot.surroundings import Surroundings
 from companion.autopilot.vehicle_motion import VehicleMotion
@@ -77,7 +77,7 @@ def test_what_a_frame_without_a_position_shows_comes_nearer_by_the_velocity(use_
     chain = Chain(model(wall_at(0.0, 9.0, 12.0), free_to_m=8.5, view_deg=72.0))
     chain.pipeline = Pipeline((CAMERA,), lambda info: chain.sees, SyncParams(use_pose=use_pose))
     sights: list[Surroundings] = []
-    seen = SeenCameras(cameras=("front",), timeout_s=0.3, observer=sights.append)
+    seen = CameraUse(cameras=("front",), timeout_s=0.3, observer=sights.append)
     chain.builder = ObstacleReportBuilder(AVOID, seen)
     chain.builder.announce(CAMERA)
     chain.yaw_rad = math.radians(yaw_deg)
@@ -115,7 +115,7 @@ def test_the_guard_subtracts_the_distance_flown_since_the_exposure_where_positio
     chain = Chain(model(wall_at(0.0, 9.0, 12.0), free_to_m=8.5, view_deg=72.0))
     sights: list[Surroundings] = []
     chain.builder = ObstacleReportBuilder(
-        AVOID, SeenCameras(cameras=("front",), timeout_s=0.3, observer=lambda s: sights.append(held.held(s)))
+        AVOID, CameraUse(cameras=("front",), timeout_s=0.3, observer=lambda s: sights.append(held.held(s)))
     )
     chain.builder.announce(CAMERA)
     chain.position, chain.speed, held = (0.0, 0.0, -5.0), (10.0, 0.0, 0.0), VelocityHold()

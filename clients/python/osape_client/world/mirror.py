@@ -96,7 +96,7 @@ class WorldMirror:
         self._complete = False
         self._former_boots: deque[str] = deque(maxlen=_FORMER_BOOTS)
         self._planes: dict[int, np.void] = {}
-        self._blocks: dict[tuple[int, int, int], tuple[NDArray[np.uint64], NDArray[np.float32]]] = {}
+        self._blocks: dict[tuple[int, ...], tuple[NDArray[np.uint64], NDArray[np.float32]]] = {}
         self._space: tuple[bool, WorldSpace] | None = None
 
     def __enter__(self) -> WorldMirror:
@@ -204,15 +204,20 @@ class WorldMirror:
             self._planes |= {int(r["slot"]): r for r in records}
             for slot in message.removed:
                 self._planes.pop(slot, None)
-            columns = zip(masks, ground, strict=True)
-            self._blocks |= dict(zip(map(tuple, blocks.tolist()), columns, strict=True))
-            for block in set(map(tuple, blocks.tolist())):
-                if _is_empty(*self._blocks[block]):
-                    del self._blocks[block]
+            self._put_blocks(list(map(tuple, blocks.tolist())), masks, ground)
         if before is not None and not same:
             self._former_boots.append(before.publication.boot_id)
         self.stats.messages += 1
         self._newest, self._received_ns, self._space = message, received_ns, None
+
+    def _put_blocks(
+        self, blocks: list[tuple[int, ...]], masks: NDArray[np.uint64], ground: NDArray[np.float32]
+    ) -> None:
+        """Replaces blocks of free space, and removes those of which nothing is known any more."""
+        self._blocks |= dict(zip(blocks, zip(masks, ground, strict=True), strict=True))
+        for block in set(blocks):
+            if _is_empty(*self._blocks[block]):
+                del self._blocks[block]
 
     def _connected(self, kind: int, address: str) -> TimedSocket:
         socket = self._context.socket(kind)

@@ -36,7 +36,7 @@ from ..streams.publication import PublicationStamps
 from ..streams.publisher import Publisher, Stream
 from .autopilot_tunnel import AutopilotTunnel
 from .output import SharingOutput
-from .thread import OwnVehicle, Sharing
+from .sharing_thread import OwnVehicle, Sharing
 
 NS: Final = 1_000_000_000
 GPS_GLOBAL_ORIGIN: Final = 49
