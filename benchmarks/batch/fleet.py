@@ -70,8 +70,7 @@ def write_parts(
                     log.write("health", health(event.t_arrival_ns, armed), event.t_arrival_ns)
                 log.event(event)
                 if isinstance(event, DepthFrame) and event.sequence == busy:
-                    skipped = event.camera, event.sequence, event.t_exposure_ns, event.t_arrival_ns
-                    log.output(pipeline.superseded(*skipped), scene=False, transforms=False)
+                    log.output(pipeline.superseded(event), scene=False, transforms=False)
                     continue
                 for output in pipeline.handle(event):
                     log.output(output, scene=False, transforms=False)

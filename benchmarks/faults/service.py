@@ -120,7 +120,7 @@ class Service:
         while taken := self._queue.take(0.0):
             for item in taken:
                 if isinstance(item, SupersededFrame):
-                    self._pipeline.superseded(item.camera, item.sequence, item.t_exposure_ns, item.t_arrival_ns)
+                    self._pipeline.superseded(item)
                 elif isinstance(item, DepthFrame | AttitudeSample | PoseSample):
                     for output in self._pipeline.handle(item):
                         if isinstance(output, PrismsResult):

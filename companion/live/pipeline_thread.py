@@ -152,8 +152,7 @@ class PipelineThread:
             self._handle_frame(item)
         elif isinstance(item, SupersededFrame):
             self._log.open_file(item)
-            decision = self._pipeline.superseded(item.camera, item.sequence, item.t_exposure_ns, item.t_arrival_ns)
-            self._publish_output(decision)
+            self._publish_output(self._pipeline.superseded(item))
         elif isinstance(item, LogMessage):
             self._log.open_file(item)
             self._log.message(item)

@@ -34,6 +34,7 @@ from drivers.base import Event
 
 from ..cameras.masks import Mask, apply_mask
 from ..config.sync import SyncParams
+from .events import SupersededFrame
 from .results import FrameDecision, Output, PrismsResult
 from .state import CameraState, PipelineState
 from .sync import NS, AttitudeAt, DropCause, PoseAt, Source, Synchroniser
@@ -151,14 +152,17 @@ class Pipeline:
             return None
         return self._tracks.add(output)
 
-    def superseded(self, camera: str, sequence: int, t_exposure_ns: int, t_arrival_ns: int) -> FrameDecision:
+    def superseded(self, frame: DepthFrame | SupersededFrame) -> FrameDecision:
         """The decision on a frame that a newer frame replaced before it reached the pipeline. It changes no state."""
+        return self._decision(frame, DropCause.BUSY)
+
+    def _decision(self, frame: DepthFrame | SupersededFrame, cause: DropCause) -> FrameDecision:
         return FrameDecision(
-            camera=camera,
-            sequence=sequence,
-            t_exposure_ns=t_exposure_ns,
-            t_arrival_ns=t_arrival_ns,
-            cause=DropCause.BUSY,
+            camera=frame.camera,
+            sequence=frame.sequence,
+            t_exposure_ns=frame.t_exposure_ns,
+            t_arrival_ns=frame.t_arrival_ns,
+            cause=cause,
             attitude_cutoff_ns=self._sync.attitudes.newest_ns,
         )
 
@@ -193,14 +197,9 @@ class Pipeline:
             return self._drop(frame, attitude)
         pose = self._sync.pose_at(frame.t_exposure_ns) if self._sync.params.use_pose else "switched off"
         result = self._extract(frame, info, attitude, pose if isinstance(pose, PoseAt) else None)
-        decision = FrameDecision(
-            camera=frame.camera,
-            sequence=frame.sequence,
-            t_exposure_ns=frame.t_exposure_ns,
-            t_arrival_ns=frame.t_arrival_ns,
-            cause=DropCause.NONE,
+        decision = dataclasses.replace(
+            self._decision(frame, DropCause.NONE),
             attitude=attitude.source,
-            attitude_cutoff_ns=self._sync.attitudes.newest_ns,
             pose=pose.source if isinstance(pose, PoseAt) else Source.NONE,
             pose_text="" if isinstance(pose, PoseAt) else pose,
         )
@@ -283,14 +282,7 @@ class Pipeline:
         return confirmed_by_ground(mount, R_ned_frd, camera_rad, self._mount_check, attitude.jump_ns)
 
     def _drop(self, frame: DepthFrame, cause: DropCause) -> tuple[Output, ...]:
-        decision = FrameDecision(
-            camera=frame.camera,
-            sequence=frame.sequence,
-            t_exposure_ns=frame.t_exposure_ns,
-            t_arrival_ns=frame.t_arrival_ns,
-            cause=cause,
-            attitude_cutoff_ns=self._sync.attitudes.newest_ns,
-        )
+        decision = self._decision(frame, cause)
         if cause in UNPUBLISHED_DROPS:
             return (decision,)
         blind = PrismsResult(
