@@ -75,6 +75,7 @@ class CameraSupervisor:
         self._process: subprocess.Popen[bytes] | None = None
         self._frozen_detector = FrozenFrameDetector(self._params.frozen_frames, least_share)
         self._stalled_ns = 0
+        self._last_cause = ""  # of the end of the process, as it reported it
         self._identity = ""  # of the camera that was opened first
 
     @property

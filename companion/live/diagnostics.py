@@ -76,30 +76,30 @@ def _autopilot_diagnostics(view: AutopilotView | None) -> list[Diagnostic]:
 
     if view is None:
         return [of(DiagnosticCode.NO_AUTOPILOT_CONFIGURED, "no autopilot is configured: set [autopilot] address")]
-    if not view.line.open:
-        return [of(DiagnosticCode.LINK_CLOSED, f"the link to the autopilot is not open: {view.line.error}")]
-    found = [of(DiagnosticCode.UDP_FLOOD, view.line.flood)] if view.line.flood else []
-    if view.line.warning:
-        found.append(of(DiagnosticCode.LINK_SLOW, view.line.warning))
-    signing = view.link.signing_fault
+    if not view.link_state.open:
+        return [of(DiagnosticCode.LINK_CLOSED, f"the link to the autopilot is not open: {view.link_state.error}")]
+    found = [of(DiagnosticCode.UDP_FLOOD, view.link_state.flood)] if view.link_state.flood else []
+    if view.link_state.warning:
+        found.append(of(DiagnosticCode.LINK_SLOW, view.link_state.warning))
+    signing = view.status.signing_fault
     if signing:
         found.append(of(DiagnosticCode.SIGNING_FAULT, signing))
-    found += conflict_diagnostics(view.link.conflicts)
-    if view.link.vehicle is None:
-        if not signing and "system id" not in view.link.conflicts:
+    found += conflict_diagnostics(view.status.conflicts)
+    if view.status.vehicle is None:
+        if not signing and "system id" not in view.status.conflicts:
             found.append(of(DiagnosticCode.NO_HEARTBEAT, f"no heartbeat of an autopilot on {view.address}"))
         return found
-    return found + _attitude_diagnostics(view) + _clock_diagnostics(view.link)
+    return found + _attitude_diagnostics(view) + _clock_diagnostics(view.status)
 
 
 def _attitude_diagnostics(view: AutopilotView) -> list[Diagnostic]:
-    if view.link.attitude_repeated:
+    if view.status.attitude_repeated:
         return [Diagnostic(DiagnosticCode.ATTITUDE_REPEATED, "", REPEATED_TEXT)]
     if view.attitude_age_ns is not None and view.attitude_age_ns <= ATTITUDE_OLD_NS:
         return []
     age = "was never received" if view.attitude_age_ns is None else f"is {view.attitude_age_ns / NS:.1f} s old"
     text = f"the attitude {age}: the autopilot does not send it or the link is interrupted"
-    if view.link.attitude_hz > 0.0 and not view.link.stamps_used:
+    if view.status.attitude_hz > 0.0 and not view.status.stamps_used:
         text = UNUSED_TEXT
     return [Diagnostic(DiagnosticCode.ATTITUDE_STALE, "", text)]
 

@@ -62,8 +62,8 @@ class AutopilotView:
     """State of the autopilot in the health report."""
 
     address: str
-    line: LinkState
-    link: LinkStatus
+    link_state: LinkState
+    status: LinkStatus
     attitude_age_ns: int | None
     heartbeat_age_ns: int | None = None
 
@@ -129,19 +129,19 @@ def exposure_offset_message(offset: ExposureOffset) -> pb.ExposureOffset:
 
 def autopilot_message(view: AutopilotView) -> pb.AutopilotHealth:
     """Message of the autopilot and its link."""
-    link, vehicle = view.link, view.link.vehicle
+    status, vehicle = view.status, view.status.vehicle
     message = pb.AutopilotHealth(
         address=view.address,
-        line_open=view.line.open,
-        line_error=view.line.error,
-        line_warning="; ".join(filter(None, (view.line.flood, view.line.warning))),
+        line_open=view.link_state.open,
+        line_error=view.link_state.error,
+        line_warning="; ".join(filter(None, (view.link_state.flood, view.link_state.warning))),
         autopilot=vehicle.autopilot if vehicle else "",
         system_id=vehicle.system_id if vehicle else 0,
         armed=vehicle.armed if vehicle else False,
-        attitude_hz=link.attitude_hz,
-        position_hz=link.position_hz,
-        clock=clock_message(link.clock, link.clock_restarts),
-        counts=link.counts,
+        attitude_hz=status.attitude_hz,
+        position_hz=status.position_hz,
+        clock=clock_message(status.clock, status.clock_restarts),
+        counts=status.counts,
         flight_mode=mode_name(vehicle) if vehicle and vehicle.heartbeat_ns else "",
     )
     if view.attitude_age_ns is not None:

@@ -123,8 +123,8 @@ class HealthReporter:
         heartbeat_ns = status.vehicle.heartbeat_ns if status.vehicle is not None else 0
         return AutopilotView(
             address=self._config.autopilot.address,
-            line=link.state,
-            link=status,
+            link_state=link.state,
+            status=status,
             attitude_age_ns=None if newest_ns is None else now_ns - newest_ns,
             heartbeat_age_ns=now_ns - heartbeat_ns if heartbeat_ns else None,
         )
@@ -172,7 +172,7 @@ class HealthReporter:
             found += parts.world.diagnostics(now_ns, hang_s)
         if parts.share is not None:
             found += parts.share.diagnostics(now_ns)
-        rate_hz = 0.0 if autopilot is None else autopilot.link.attitude_hz
+        rate_hz = 0.0 if autopilot is None else autopilot.status.attitude_hz
         rates = self._camera_rates.check(views, now_ns) + self._attitude_rate.check(rate_hz, now_ns)
         found += [*self._template, *misaligned(views), *rates, *ground]
         return [*found, *offset_warnings(self._config, views), *yaw_warnings(yaws)]

@@ -271,7 +271,7 @@ class Service:
             self._output.publish_all_cameras(now_ns, self.parts.camera_statuses())
         autopilot = self.health.autopilot_view(now_ns)
         if self.parts.obstacle_output is not None:
-            self.parts.obstacle_output.tick(now_ns, autopilot.link if autopilot is not None else None)
+            self.parts.obstacle_output.tick(now_ns, autopilot.status if autopilot is not None else None)
         if self.parts.share is not None:
             self.parts.share.tick(now_ns)
         self.health.update(views, autopilot, None if self.started else self._start_text(), now_ns)

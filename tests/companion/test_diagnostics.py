@@ -189,7 +189,7 @@ def autopilot(
         stamps_used=stamps_used,
     )
     line = LinkState(open=True, error="", warning="", losses=0, alive_ns=S)
-    return AutopilotView(address="udpin:0.0.0.0:14540", line=line, link=link, attitude_age_ns=attitude_age_ns)
+    return AutopilotView(address="udpin:0.0.0.0:14540", link_state=line, status=link, attitude_age_ns=attitude_age_ns)
 
 
 @pytest.mark.parametrize(
