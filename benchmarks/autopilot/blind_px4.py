@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from benchmarks.autopilot.px4_loop import NS, Px4Loop, Values, stick_at
-from companion.autopilot.failsafe import AutopilotNow, BlindPolicy, ObstacleView, Policy, policy_of
+from companion.autopilot.failsafe import AutopilotNow, BlindPolicy, Policy, PolicyInput, policy_of
 from companion.autopilot.obstacle_distance import UNKNOWN, clear_cm
 from companion.autopilot.obstacle_memory import nothing_remembered
 from companion.autopilot.polar_histogram import SECTORS, scan
@@ -54,7 +54,7 @@ class Sender:
     def __init__(self, name: str, seen_ns: int) -> None:
         self._name, self._seen_ns, self._policy = name, seen_ns, BlindPolicy(AVOID)
         nowhere = np.zeros(SECTORS, bool)
-        self._sight = ObstacleView(scan([], AVOID), nothing_remembered(), COVERED, nowhere, nowhere, seen_ns)
+        self._sight = PolicyInput(scan([], AVOID), nothing_remembered(), COVERED, nowhere, nowhere, seen_ns)
 
     def __call__(self, now_ns: int) -> Values | None:
         if now_ns - self._seen_ns < NOTICED_S * NS:

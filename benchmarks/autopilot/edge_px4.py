@@ -19,7 +19,7 @@ import numpy as np
 
 from benchmarks.autopilot.px4_loop import Px4Loop, Values, stick_at
 from companion.autopilot.camera_coverage import covered, looked_into, too_near_the_edge
-from companion.autopilot.failsafe import AutopilotNow, BlindPolicy, ObstacleView, braking_reach, policy_of
+from companion.autopilot.failsafe import AutopilotNow, BlindPolicy, PolicyInput, braking_reach, policy_of
 from companion.autopilot.obstacle_memory import Here, ObstacleMemory
 from companion.autopilot.polar_histogram import scan
 from companion.autopilot.view_free import View
@@ -149,7 +149,7 @@ class Service:
         found = scan([view], AVOID)
         recalled = self._memory.recall(found, [view], Here(0.0, (x, y, -3.0), 1), now_ns)
         vx, vy = (float(c) for c in self._loop.vehicle.velocity_m_s)
-        sight = ObstacleView(found, recalled, BLIND, SEEING, WHOLE, now_ns, self._edge, (vx, vy))
+        sight = PolicyInput(found, recalled, BLIND, SEEING, WHOLE, now_ns, self._edge, (vx, vy))
         self._loop.reach = braking_reach(sight, AVOID, self._policy)
         return self._blind.values(sight, self._policy, now_ns)
 

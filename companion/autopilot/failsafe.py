@@ -86,8 +86,8 @@ class Policy:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ObstacleView:
-    """Input of a decision."""
+class PolicyInput:
+    """What the failsafe policy decides by."""
 
     scan: SectorScan  # sectors by the seeing cameras
     recalled: Remembered
@@ -137,15 +137,15 @@ def _px4_wall_m(avoid: AvoidParams, cp_dist_m: float | None) -> float | None:
     return wall_m if 100.0 * wall_m < limits_cm(avoid)[1] - 1 else None
 
 
-def closing_m_s(sight: ObstacleView) -> NDArray[np.float64]:
+def closing_m_s(given: PolicyInput) -> NDArray[np.float64]:
     """Returns the speed, (72,), with which the vehicle moves into each sector; 0 where no velocity is known."""
-    forward, right = sight.velocity_m_s or (0.0, 0.0)
+    forward, right = given.velocity_m_s or (0.0, 0.0)
     angle = centres_rad()
     out: NDArray[np.float64] = np.maximum(0.0, np.cos(angle) * forward + np.sin(angle) * right)
     return out
 
 
-def braking_reach(sight: ObstacleView, avoid: AvoidParams, policy: Policy) -> BrakingReach:
+def braking_reach(given: PolicyInput, avoid: AvoidParams, policy: Policy) -> BrakingReach:
     """Returns the distances within which an obstacle is sent to PX4 although an unknown sector is beside it.
 
     Always sent are near obstacles, and those up to the distance of the wall of the policy `brake`: PX4 does not move into a
@@ -154,25 +154,25 @@ def braking_reach(sight: ObstacleView, avoid: AvoidParams, policy: Policy) -> Br
     for are sent as the wall elsewhere. Without a velocity the vehicle may approach each obstacle."""
     sent_cm = np.full(SECTORS, float(always_sent_cm(avoid)))
     wall_cm = _wall_cm(policy) if policy.name == "brake" else 0
-    closing = closing_m_s(sight)
+    closing = closing_m_s(given)
     approach_cm = wall_cm + 100.0 * APPROACH_S * closing if wall_cm > 0 else np.zeros(SECTORS)
     always_cm: NDArray[np.float64] = np.maximum(sent_cm, wall_cm)
-    unseen = (sight.scan.state == SectorState.UNSEEN) & ~sight.edge
-    beside = sight.edge | np.roll(sight.edge, 1) | np.roll(sight.edge, -1)
+    unseen = (given.scan.state == SectorState.UNSEEN) & ~given.edge
+    beside = given.edge | np.roll(given.edge, 1) | np.roll(given.edge, -1)
     at_edge = beside & ~(unseen | np.roll(unseen, 1) | np.roll(unseen, -1))
     edge_cm = sent_cm + 100.0 * CLOSING_S * closing
-    if sight.velocity_m_s is None:
+    if given.velocity_m_s is None:
         edge_cm[:] = 100.0 * avoid.max_distance_m
         approach_cm[:] = 100.0 * avoid.max_distance_m if wall_cm > 0 else 0.0
     return BrakingReach(np.where(at_edge, np.maximum(always_cm, edge_cm), always_cm), approach_cm, wall_cm)
 
 
-def into_unseen(sight: ObstacleView) -> NDArray[np.bool_]:
+def into_unseen(given: PolicyInput) -> NDArray[np.bool_]:
     """Returns the sectors, (72,), by whose value PX4 moves into an unseen one of the views.
 
     The bin of the stick's direction is the one below it, so that a bin reaches to the middle of the next sector. What is outside
     of the views is left to `edge`."""
-    return np.roll((sight.scan.state == SectorState.UNSEEN) & sight.seeing, -1)
+    return np.roll((given.scan.state == SectorState.UNSEEN) & given.seeing, -1)
 
 
 class BlindPolicy:
@@ -186,72 +186,72 @@ class BlindPolicy:
         self._seeing = np.zeros(SECTORS, np.bool_)
         self._policy_name = ""
 
-    def values(self, sight: ObstacleView, policy: Policy, now_ns: int) -> NDArray[np.uint16] | None:
+    def values(self, given: PolicyInput, policy: Policy, now_ns: int) -> NDArray[np.uint16] | None:
         """Returns the centimetres to send, (72,), before the adaptation to single autopilots; None: nothing may be
         sent."""
-        self._follow(sight, policy, now_ns)
+        self._follow(given, policy, now_ns)
         if policy.name == "brake" and self._brakes(now_ns):
             return np.full(SECTORS, _wall_cm(policy), np.uint16)
-        reach = braking_reach(sight, self._avoid, policy)
-        values = encoded(sight.scan, self._avoid)
-        values[~sight.seeing & (values == clear_cm(self._avoid))] = UNKNOWN
+        reach = braking_reach(given, self._avoid, policy)
+        values = encoded(given.scan, self._avoid)
+        values[~given.seeing & (values == clear_cm(self._avoid))] = UNKNOWN
         if policy.name != "stop" or policy.all_around:  # ArduPilot takes unknown for clear
-            values[(sight.edge | into_unseen(sight)) & (values == clear_cm(self._avoid))] = UNKNOWN
+            values[(given.edge | into_unseen(given)) & (values == clear_cm(self._avoid))] = UNKNOWN
         if policy.name == "stop":
-            self._planes(values, sight.scan)
-            self._wall(values, sight, policy)
+            self._planes(values, given.scan)
+            self._wall(values, given, policy)
         if policy.name == "brake":
-            self._approached(values, sight, reach)
-        values = np.minimum(values, self._recalled(sight, policy))
+            self._approached(values, given, reach)
+        values = np.minimum(values, self._recalled(given, policy))
         if policy.name != "stop":
-            self._leave_edge(values, sight, reach)
-            into = into_unseen(sight) & (values != UNKNOWN)
+            self._leave_edge(values, given, reach)
+            into = into_unseen(given) & (values != UNKNOWN)
             values[into] = beside_unknown(values, clear_cm(self._avoid), reach)[into]
-        if sight.on_ground:
+        if given.on_ground:
             # no value above the farthest obstacle: it would mean clear
             farthest_cm = clear_cm(self._avoid) - 2
             values[values < GROUND_CM] = min(_wall_cm(policy), farthest_cm) if policy.name == "stop" else UNKNOWN
         blind_ns = 0 if self._all_blind_since_ns is None else now_ns - self._all_blind_since_ns
         return None if blind_ns > self._avoid.silence_s * NS and policy.name != "stop" else values
 
-    def _approached(self, values: NDArray[np.uint16], sight: ObstacleView, reach: BrakingReach) -> None:
+    def _approached(self, values: NDArray[np.uint16], given: PolicyInput, reach: BrakingReach) -> None:
         """Puts measured and remembered obstacles that PX4 must brake for into unseen sectors.
 
         PX4 does not brake for unknown sectors beside its course. Something unmeasured may be before the obstacle, so PX4 must
         not be permitted to move into the sector: a farther obstacle is sent at the distance of the wall."""
-        distance_m = np.minimum(sight.scan.distance_m, sight.recalled.distance_m)
-        unseen = (sight.scan.state == SectorState.UNSEEN) & (values == UNKNOWN)
+        distance_m = np.minimum(given.scan.distance_m, given.recalled.distance_m)
+        unseen = (given.scan.state == SectorState.UNSEEN) & (values == UNKNOWN)
         wanted = unseen & (100.0 * distance_m <= reach.approach_cm)
         values[wanted] = np.minimum(near_cm(distance_m[wanted], self._avoid), reach.wall_cm)
 
-    def _leave_edge(self, values: NDArray[np.uint16], sight: ObstacleView, reach: BrakingReach) -> None:
+    def _leave_edge(self, values: NDArray[np.uint16], given: PolicyInput, reach: BrakingReach) -> None:
         """Removes obstacles from sectors at the edge of the view, because PX4 moves into a sector that has any value.
 
         They are kept if they are near or if the vehicle approaches them: then PX4 must brake for them. Beside an unseen sector
         they are then sent at the distance of the wall, by which PX4 does not move into the sector."""
-        farther = sight.edge & sight.seeing & (values > reach.always_cm)
+        farther = given.edge & given.seeing & (values > reach.always_cm)
         braked = farther & (values <= reach.approach_cm)
         values[farther] = UNKNOWN
         values[braked] = reach.wall_cm
 
-    def _follow(self, sight: ObstacleView, policy: Policy, now_ns: int) -> None:
+    def _follow(self, given: PolicyInput, policy: Policy, now_ns: int) -> None:
         """Updates since when sectors are blind.
 
         A camera is blind since its newest exposure, not since this was detected. The time is kept per sector, because
         a camera may fail while another one has long been blind. It starts again when the last camera that covered a
         part of the sector fails, and when the policy changes to brake, since PX4 was not sent the wall before."""
-        since_ns = now_ns if sight.newest_ns is None else sight.newest_ns
-        if sight.seeing.any():
+        since_ns = now_ns if given.newest_ns is None else given.newest_ns
+        if given.seeing.any():
             self._all_blind_since_ns = None
         elif self._all_blind_since_ns is None:
             self._all_blind_since_ns = since_ns
-        blind = sight.blind_alone
-        begins = blind & (~self._sector_blind | (self._seeing & ~sight.seeing))
+        blind = given.blind_alone
+        begins = blind & (~self._sector_blind | (self._seeing & ~given.seeing))
         # of several cameras another one may have been exposed just now
-        self._sector_since_ns[begins] = now_ns if sight.seeing.any() else since_ns
+        self._sector_since_ns[begins] = now_ns if given.seeing.any() else since_ns
         if policy.name == "brake" and self._policy_name not in ("", "brake"):
             self._sector_since_ns[blind] = now_ns
-        self._sector_blind, self._seeing, self._policy_name = blind, sight.seeing.copy(), policy.name
+        self._sector_blind, self._seeing, self._policy_name = blind, given.seeing.copy(), policy.name
 
     def _brakes(self, now_ns: int) -> bool:
         """True if any blind sector became blind within silence_s."""
@@ -264,43 +264,43 @@ class BlindPolicy:
         behind = (scan.state == SectorState.UNSEEN) & (scan.distance_m < self._avoid.max_distance_m)
         values[behind] = near_cm(scan.distance_m[behind], self._avoid)
 
-    def _wall(self, values: NDArray[np.uint16], sight: ObstacleView, policy: Policy) -> None:
+    def _wall(self, values: NDArray[np.uint16], given: PolicyInput, policy: Policy) -> None:
         """Puts the wall into sectors that a camera covers and that were not seen.
 
         If one camera sees a sector, it counts as seen, whatever another camera does not see. With policy.all_around,
         a wall in any sector puts it into all unseen ones. A sector at the border of all views gets no wall: the rest
         of it is not covered in any case."""
         wall_m = np.full(SECTORS, policy.wall_m)
-        unseen = (sight.scan.state == SectorState.UNSEEN) & sight.whole
+        unseen = (given.scan.state == SectorState.UNSEEN) & given.whole
         if self._avoid.unseen == "unknown":
             unseen[:] = False
-        blind = sight.blind_alone
-        wall_m = np.where(unseen & ~blind, np.maximum(wall_m, sight.scan.free_m - self._avoid.radius_m), wall_m)
+        blind = given.blind_alone
+        wall_m = np.where(unseen & ~blind, np.maximum(wall_m, given.scan.free_m - self._avoid.radius_m), wall_m)
         wanted = unseen | (blind & (values != clear_cm(self._avoid)))
         if policy.all_around and blind.any():
             wanted |= values == UNKNOWN
         values[wanted] = np.minimum(values[wanted], near_cm(wall_m[wanted], self._avoid))
 
-    def _recalled(self, sight: ObstacleView, policy: Policy) -> NDArray[np.uint16]:
+    def _recalled(self, given: PolicyInput, policy: Policy) -> NDArray[np.uint16]:
         """Returns the remembered obstacles in centimetres, (72,). One replaces a farther wall, and a sector that is
         not seen.
 
         Where unknown stops the vehicle, a remembered obstacle does not replace it if something nearer may be before
         it: if the way to it was not seen, or if a camera covers it now and does not see the way. A near obstacle
         always counts."""
-        all_m = sight.recalled.distance_m
+        all_m = given.recalled.distance_m
         nearest = np.full(SECTORS, UNKNOWN, np.uint16)
         known = np.isfinite(all_m)
         nearest[known] = near_cm(all_m[known], self._avoid)
         if policy.name == "stop":
             return nearest
-        way_seen_m = sight.recalled.way_seen_m
+        way_seen_m = given.recalled.way_seen_m
         out = np.full(SECTORS, UNKNOWN, np.uint16)
-        known = np.isfinite(way_seen_m) & ~(sight.seeing & (sight.scan.state == SectorState.UNSEEN))
+        known = np.isfinite(way_seen_m) & ~(given.seeing & (given.scan.state == SectorState.UNSEEN))
         out[known] = near_cm(way_seen_m[known], self._avoid)
         # in a sector that is seen, the nearest one counts whether the way to it was seen or not
         return np.where(
-            (nearest <= always_sent_cm(self._avoid)) | (sight.scan.state != SectorState.UNSEEN), nearest, out
+            (nearest <= always_sent_cm(self._avoid)) | (given.scan.state != SectorState.UNSEEN), nearest, out
         )
 
 

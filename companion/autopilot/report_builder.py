@@ -22,7 +22,7 @@ from ..pipeline.results import PrismsResult
 from .camera_coverage import Coverage, CoveredSectors, Look, covered_sectors, everywhere, looked_into
 from .confirmation import PlaneConfirmation
 from .distance_sensor import Overhead, downward_m
-from .failsafe import AutopilotNow, BlindPolicy, ObstacleView, Recovery, braking_reach, policy_of
+from .failsafe import AutopilotNow, BlindPolicy, PolicyInput, Recovery, braking_reach, policy_of
 from .free_space_memory import FreeMemory
 from .obstacle_distance import for_reader
 from .obstacle_distance_3d import other_points
@@ -229,7 +229,7 @@ class ObstacleReportBuilder:
     def _report(self, autopilot: AutopilotNow, d: _Decision) -> ObstacleReport:
         """Applies the failsafe policy and makes the report."""
         sectors = self._covered_by(d)
-        sight = ObstacleView(
+        given = PolicyInput(
             scan=d.found,
             recalled=d.recalled,
             blind=sectors.blind,
@@ -242,9 +242,9 @@ class ObstacleReportBuilder:
             on_ground=autopilot.on_ground and not _sees_ground_below(d.views),
         )
         policy = policy_of(self._avoid, autopilot)
-        values = self._policy.values(sight, policy, d.now_ns)
+        values = self._policy.values(given, policy, d.now_ns)
         if values is not None:
-            values = for_reader(values, self._avoid, autopilot.kind, braking_reach(sight, self._avoid, policy))
+            values = for_reader(values, self._avoid, autopilot.kind, braking_reach(given, self._avoid, policy))
         return ObstacleReport(d.now_ns, values, d.blind, policy.name, d.fault, exposed_ns=self._exposed_ns(d.seeing))
 
     def _cause(self, camera: str, here: Here | None, now_ns: int) -> str:

@@ -11,8 +11,8 @@ import pytest
 from companion.autopilot.failsafe import (
     AutopilotNow,
     BlindPolicy,
-    ObstacleView,
     Policy,
+    PolicyInput,
     Recovery,
     braking_reach,
     policy_of,
@@ -40,9 +40,9 @@ def sight(
     blind: np.ndarray = NOWHERE,
     seeing: np.ndarray = NOWHERE,
     newest_ns: int | None = 0,
-) -> ObstacleView:
+) -> PolicyInput:
     found = scan([], AVOID) if found is None else found
-    return ObstacleView(found, nothing_remembered(), blind, seeing, seeing & ~EDGES, newest_ns)
+    return PolicyInput(found, nothing_remembered(), blind, seeing, seeing & ~EDGES, newest_ns)
 
 
 def stop_at(margin_m: float) -> Policy:

@@ -16,7 +16,7 @@ from companion.autopilot.failsafe import (
     GROUND_CM,
     AutopilotNow,
     BlindPolicy,
-    ObstacleView,
+    PolicyInput,
     braking_reach,
     policy_of,
 )
@@ -46,7 +46,7 @@ AUTOPILOTS = (
 )
 
 
-def drawn(rng: np.random.Generator, now_ns: int) -> ObstacleView:
+def drawn(rng: np.random.Generator, now_ns: int) -> PolicyInput:
     """A state in which sectors of one kind lie beside each other, as those of a view do."""
 
     def runs(values: list[int]) -> np.ndarray:
@@ -63,7 +63,7 @@ def drawn(rng: np.random.Generator, now_ns: int) -> ObstacleView:
     distance_m[near] = rng.uniform(0.0, AVOID.max_distance_m - 0.01, int(near.sum()))
     seeing = runs([0, 1]).astype(bool)
     recalled_m = np.where(runs([0, 0, 1]) > 0, rng.uniform(0.0, 8.0, SECTORS), np.inf)
-    return ObstacleView(
+    return PolicyInput(
         SectorScan(state, distance_m, rng.uniform(0.0, 12.0, SECTORS), centres_rad(), np.zeros((SECTORS, 1, 1), bool)),
         Remembered(recalled_m, np.where(rng.random(SECTORS) < 0.5, recalled_m, np.inf)),
         runs([0, 1]).astype(bool) if rng.random() < 0.7 else np.zeros(SECTORS, bool),
@@ -105,7 +105,7 @@ def test_the_rules_hold_in_every_state(seed: int, autopilot: AutopilotNow, blind
             check_stop(view, sent, policy.wall_m)
 
 
-def check_stop(view: ObstacleView, sent: np.ndarray, wall_m: float) -> None:
+def check_stop(view: PolicyInput, sent: np.ndarray, wall_m: float) -> None:
     """An autopilot that may take unknown for clear: where a camera covers a sector, something stops the vehicle unless the
     sector was seen clear."""
     not_seen = view.scan.state == SectorState.UNSEEN
@@ -124,7 +124,7 @@ def check_stop(view: ObstacleView, sent: np.ndarray, wall_m: float) -> None:
     assert (sent[known] <= limit).all()
 
 
-def check_px4(view: ObstacleView, sent: np.ndarray) -> None:
+def check_px4(view: PolicyInput, sent: np.ndarray) -> None:
     """PX4 does not move into unknown, and brakes for what is nearer: no sector is sent farther than what was found in it, or than the
     wall."""
     found_m = np.where(view.scan.state == SectorState.OBSTACLE, view.scan.distance_m, np.inf)

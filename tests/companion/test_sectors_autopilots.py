@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from companion.autopilot.failsafe import AutopilotNow, BlindPolicy, ObstacleView, policy_of
+from companion.autopilot.failsafe import AutopilotNow, BlindPolicy, PolicyInput, policy_of
 from companion.autopilot.obstacle_distance import (
     UNKNOWN,
     BrakingReach,
@@ -45,7 +45,7 @@ def message_of(found: SectorScan, avoid: AvoidParams = AVOID, autopilot: str = "
 def message_seen_everywhere(found: SectorScan, autopilot: str) -> Any:
     """The message for an autopilot by its own policy, of cameras that look into a part of every sector."""
     everywhere, nowhere = np.ones(SECTORS, bool), np.zeros(SECTORS, bool)
-    sight = ObstacleView(found, nothing_remembered(), nowhere, everywhere, nowhere, 0)
+    sight = PolicyInput(found, nothing_remembered(), nowhere, everywhere, nowhere, 0)
     values = BlindPolicy(AVOID).values(sight, policy_of(AVOID, AutopilotNow(kind=autopilot)), 0)
     assert values is not None
     return obstacle_distance_message(for_reader(values, AVOID, autopilot), 0, AVOID)
@@ -130,7 +130,7 @@ def test_no_direction_of_an_unseen_sector_has_a_bin_with_data(bin_deg: int) -> N
     for unseen in range(SECTORS):
         found = scan([View(model(free_to_m=13.0), HERE)], AVOID)
         found.state[unseen] = SectorState.UNSEEN
-        sight = ObstacleView(found, nothing_remembered(), nowhere, everywhere, everywhere, 0)
+        sight = PolicyInput(found, nothing_remembered(), nowhere, everywhere, everywhere, 0)
         values = BlindPolicy(AVOID).values(sight, policy, 0)
         assert values is not None
         px4 = Px4Reader(bin_deg)

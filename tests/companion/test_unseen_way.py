@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from companion.autopilot.camera_coverage import Coverage, covered, looked_into, too_near_the_edge
-from companion.autopilot.failsafe import AutopilotNow, BlindPolicy, ObstacleView, Policy, braking_reach, policy_of
+from companion.autopilot.failsafe import AutopilotNow, BlindPolicy, Policy, PolicyInput, braking_reach, policy_of
 from companion.autopilot.obstacle_distance import (
     ARDUPILOT,
     PX4,
@@ -89,7 +89,7 @@ def looked_at(info: CameraInfo = INFO) -> Coverage:
 def values_of(found: SectorScan, autopilot: str, blind: NDArray[np.bool_] | None = None) -> NDArray[np.uint16]:
     seeing, whole = covered([looked_at()])
     nowhere = np.zeros(SECTORS, bool)
-    sight = ObstacleView(found, nothing_remembered(), nowhere if blind is None else blind, seeing, whole, 0)
+    sight = PolicyInput(found, nothing_remembered(), nowhere if blind is None else blind, seeing, whole, 0)
     values = BlindPolicy(AVOID).values(sight, policy_of(AVOID, AutopilotNow(kind=autopilot)), 0)
     assert values is not None
     return for_reader(values, AVOID, autopilot)
@@ -120,7 +120,7 @@ def braked_for(
     recalled = nothing_remembered()
     recalled.distance_m[4] = remembered_m
     seeing = everywhere if math.isinf(remembered_m) else np.asarray(np.arange(SECTORS) != 4)
-    sight = ObstacleView(found, recalled, nowhere, seeing, seeing, 0, nowhere, velocity_m_s=velocity_m_s)
+    sight = PolicyInput(found, recalled, nowhere, seeing, seeing, 0, nowhere, velocity_m_s=velocity_m_s)
     values = BlindPolicy(AVOID).values(sight, policy, 0)
     assert values is not None
     return int(for_reader(values, AVOID, PX4, braking_reach(sight, AVOID, policy))[4])
@@ -153,7 +153,7 @@ def test_px4_is_sent_an_obstacle_at_the_edge_beside_an_unseen_sector(
     found = SectorScan(state, plane_m, np.full(SECTORS, AVOID.max_distance_m), np.zeros(SECTORS), lacking)
     towards = speed_m_s * math.cos(math.radians(5 * at)), speed_m_s * math.sin(math.radians(5 * at))
     blind = np.zeros(SECTORS, np.bool_)
-    sight = ObstacleView(found, nothing_remembered(), blind, seeing, whole, 0, edge, velocity_m_s=towards)
+    sight = PolicyInput(found, nothing_remembered(), blind, seeing, whole, 0, edge, velocity_m_s=towards)
     values = BlindPolicy(AVOID).values(sight, BRAKE, 0)
     assert values is not None
     sent = for_reader(values, AVOID, PX4, braking_reach(sight, AVOID, BRAKE))
@@ -172,7 +172,7 @@ def test_px4_may_not_move_by_an_obstacle_into_the_unseen_sector_above_it(
     lacking = np.zeros((SECTORS, AVOID.slices, AVOID.rays), np.bool_)
     found = SectorScan(state, plane_m, np.full(SECTORS, AVOID.max_distance_m), np.zeros(SECTORS), lacking)
     everywhere, nowhere = np.ones(SECTORS, bool), np.zeros(SECTORS, bool)
-    sight = ObstacleView(
+    sight = PolicyInput(
         found, nothing_remembered(), nowhere, everywhere, everywhere, 0, nowhere, velocity_m_s=(speed_m_s, 0.0)
     )
     values = BlindPolicy(AVOID).values(sight, BRAKE, 0)
@@ -209,7 +209,7 @@ def test_the_wall_for_ardupilot_is_not_beyond_what_was_seen_free_from_the_hull(f
     lacking = np.zeros((SECTORS, AVOID.slices, AVOID.rays), np.bool_)
     found = SectorScan(state, np.full(SECTORS, np.inf), np.full(SECTORS, free_m), np.zeros(SECTORS), lacking)
     everywhere, nowhere = np.ones(SECTORS, bool), np.zeros(SECTORS, bool)
-    sight = ObstacleView(found, nothing_remembered(), nowhere, everywhere, everywhere, 0)
+    sight = PolicyInput(found, nothing_remembered(), nowhere, everywhere, everywhere, 0)
     values = BlindPolicy(AVOID).values(sight, STOP, 0)
     assert values is not None
     assert values[4] == math.floor(100.0 * max(STOP.wall_m, free_m - AVOID.radius_m) + 1e-6)
@@ -374,7 +374,7 @@ def test_a_plane_seen_from_aside_does_not_vouch_for_the_way_of_a_blind_camera() 
     other = replace(INFO, camera="right", mount=CameraMount(yaw_rad=yaw_rad))
     blind, _ = covered([looked_into(front, AVOID)])
     seeing, whole = covered([looked_into(other, AVOID)])
-    sight = ObstacleView(found, nothing_remembered(), blind, seeing, whole, 0)
+    sight = PolicyInput(found, nothing_remembered(), blind, seeing, whole, 0)
     px4 = BlindPolicy(AVOID).values(sight, NOT_KNOWN, 0)
     stop = BlindPolicy(AVOID).values(sight, STOP, 0)
     assert px4 is not None
@@ -409,7 +409,7 @@ def test_where_unknown_means_clear_the_plane_is_better_than_nothing() -> None:
     """At the border of the view no wall stands: there ArduPilot keeps the plane, PX4 is sent unknown."""
     found = unseen_behind(5.0)
     everywhere, nowhere = np.ones(SECTORS, bool), np.zeros(SECTORS, bool)
-    border = ObstacleView(found, nothing_remembered(), nowhere, everywhere, nowhere, 0)
+    border = PolicyInput(found, nothing_remembered(), nowhere, everywhere, nowhere, 0)
     inside = replace(border, whole=everywhere)
     for sight, policy, expected in (
         (border, STOP, 500),
@@ -439,7 +439,7 @@ def test_a_remembered_obstacle_does_not_stand_for_an_unseen_way() -> None:
         recalled = np.full(SECTORS, np.inf)
         recalled[[0, 3, 6]] = distance_m
         remembered = Remembered(recalled, recalled if way_seen else np.full(SECTORS, np.inf))
-        sight = ObstacleView(scanned, remembered, nowhere, looking, looking, 0)
+        sight = PolicyInput(scanned, remembered, nowhere, looking, looking, 0)
         values = BlindPolicy(AVOID).values(sight, NOT_KNOWN, 0)
         assert values is not None
         return [int(values[i]) for i in (0, 3, 6)]
