@@ -6,6 +6,7 @@ import argparse
 import faulthandler
 import gc
 import logging
+import resource
 import signal
 import sys
 import threading
@@ -22,7 +23,6 @@ from ..config.loader import Config, ConfigError, load_config
 from ..diagnostic import Diagnostic, without_digits
 from ..paths import Folders, folders
 from .journal import log_to_stderr
-from .open_files import raise_limit
 from .record_note import RecordRate, record_note
 from .sd_notify import Notifier
 
@@ -43,6 +43,9 @@ CLEARED_S = 1.0
 IDLE_WAIT_S = 0.03
 """Longest wait of a tick for the end of the frame being processed: a report takes some milliseconds of Python, which
 would delay the frame."""
+MOST_FILES = 65_536
+"""Limit of open files: each connection of a subscriber takes one, and without one libzmq aborts the process. The usual limit of
+1024 is for programs that use select(), which the service does not."""
 
 
 def serve(service: Service, notifier: Notifier, stop: threading.Event, tick_s: float) -> int:
@@ -144,7 +147,10 @@ def run(args: argparse.Namespace) -> int:
 
 def _prepare_process() -> None:
     gc.disable()  # the start creates many objects that stay; they are frozen at its end, then collection is enabled
-    raise_limit()
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    wanted = MOST_FILES if hard == resource.RLIM_INFINITY else min(MOST_FILES, hard)
+    if soft != resource.RLIM_INFINITY and soft < wanted:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (wanted, hard))
     faulthandler.enable()  # the watchdog of systemd sends SIGABRT: the journal then holds a traceback of each thread
     cast(dict[str, Any], sys.modules).setdefault("coverage", None)  # numba would import it where installed, without use
 
