@@ -72,11 +72,14 @@ def no_clear_text(info: CameraInfo, avoid: AvoidParams, params: Params, views: S
         return ""
     if text := clear_reach_text(info, avoid, params):
         return text
+    place, height = (
+        (f" and z_m = {info.mount.z_m:g} m", ", closer to the height of the autopilot") if info.mount.z_m else ("", "")
+    )
     return (
         f"straight ahead of camera {info.camera} no sector is ever clear, however far it sees: its image, mounted with a pitch of "
-        f"{math.degrees(info.mount.pitch_rad):.0f} degrees, does not cover {100 * avoid.clear_share:.0f} % of the height band "
+        f"{math.degrees(info.mount.pitch_rad):.0f} degrees{place}, does not cover {100 * avoid.clear_share:.0f} % of the height band "
         f"({avoid.band_above_m:g} m above to {avoid.band_below_m:g} m below the vehicle) from {avoid.near_m:g} m on; mount it "
-        "closer to level, or lower [avoid] band_above_m and band_below_m, and check the masks"
+        f"closer to level{height}, or lower [avoid] band_above_m and band_below_m, and check the masks"
     )
 
 

@@ -163,6 +163,10 @@ def test_a_mount_by_which_no_sector_can_be_clear_is_reported() -> None:
     avoid = AvoidParams(max_distance_m=8.0)
     text = text_alone(tilted("zed", -20.0), avoid)
     assert "mounted with a pitch of -20 degrees, does not cover 80 % of the height band" in text
+    level = tilted("zed", 0.0)
+    mast = text_alone(replace(level, mount=replace(level.mount, z_m=-1.5)), avoid)
+    assert "mounted with a pitch of 0 degrees and z_m = -1.5 m, does not cover 80 % of the height band" in mast
+    assert "closer to the height of the autopilot" in mast
     narrow = replace(avoid, band_above_m=0.4)
     assert text_alone(tilted("zed", -20.0), narrow) == ""
     assert text_alone(tilted("zed", 0.0), avoid) == ""
