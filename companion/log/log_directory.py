@@ -3,7 +3,7 @@
 The files of a flight are FLIGHT.000.mcap, FLIGHT.001.mcap, ...; FLIGHT is the wall clock's date and time, and from 2 on the
 number of times that this clock was behind an earlier flight and one: flights are in the order of this number, then of the
 date. A file that begins while the autopilot reports a disarmed vehicle is FLIGHT.000.idle.mcap; it ends when
-the vehicle is armed. A file being written ends in .active. When the budget is used, idle files are deleted first, then the
+the vehicle is armed. A file being written ends in .active; an original that a repair could not copy completely in .damaged. When the budget is used, idle files are deleted first, then the
 oldest files of finished flights; other files of a flight that is being recorded are kept, also those of another process."""
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from pathlib import Path
 from .log_file import ACTIVE, RECOVERING, is_being_written, seems_written
 
 _FLIGHT = re.compile(r"(?P<label>[0-9]{8}-[0-9]{6})(?:-(?P<number>[0-9]{1,9}))?")
-_PART = re.compile(r"^(?P<flight>.+)\.(?P<part>\d{3,})(?P<idle>\.idle)?\.mcap(?P<active>\.active)?$")
+_PART = re.compile(r"^(?P<flight>.+)\.(?P<part>\d{3,})(?P<idle>\.idle)?\.mcap(?P<suffix>\.active|\.damaged)?$")
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,7 +81,7 @@ def files_of(folder: Path) -> list[LogFile]:
             size = entry.stat().st_size
         except OSError:
             continue  # the file was renamed meanwhile, or its entry is damaged
-        idle, active = (match[name] is not None for name in ("idle", "active"))
+        idle, active = match["idle"] is not None, match["suffix"] == ACTIVE
         found.append(LogFile(Path(entry.path), match["flight"], int(match["part"]), idle, active, size))
     return sorted(found, key=lambda f: f.order)
 

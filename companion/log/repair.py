@@ -2,7 +2,8 @@
 
 The recorder starts it once the flight is being recorded: copying a file of 512 MB takes many seconds, during which the
 recorder's thread could not write. An unfinished file is deleted only when its complete copy is on the disk: a kill at
-any moment loses nothing, and the next start begins the copy again."""
+any moment loses nothing, and the next start begins the copy again. One that is damaged before its end is kept as .damaged, since
+the copy lacks what could not be read."""
 
 from __future__ import annotations
 
@@ -20,7 +21,7 @@ from drivers.base import DriverError
 from ..console import counted, print_line
 from ..stop_signal import end_with_parent
 from .log_directory import delete_unfinished_copies, files_of
-from .log_file import ACTIVE, is_being_written
+from .log_file import ACTIVE, DAMAGED, is_being_written
 from .recover import copy_readable
 
 log = logging.getLogger("companion")
@@ -47,9 +48,17 @@ def repair_file(path: Path) -> str:
             result = copy_readable(path, target)
             if result.output is None:
                 os.replace(path, target)  # it was complete except for its name
-            else:
+            elif all(damage.end for damage in result.damages):
                 _sync_folder(path.parent)  # the copy's name must be on the disk before the original is deleted
                 path.unlink()
+            else:
+                kept = path.with_name(target.name + DAMAGED)
+                os.replace(path, kept)
+                place = next(damage for damage in result.damages if not damage.end)
+                return (
+                    f"{target.name}: {counted(result.messages, 'message')} recovered; {kept.name} is the original, kept because it "
+                    f"is damaged at byte {place.offset} ({place.cause})"
+                )
     except BlockingIOError:
         return f"{path.name}: {LEFT} (another process writes or repairs it)"
     except (DriverError, ValueError, OSError) as error:

@@ -47,6 +47,15 @@ def unpacked(payload: bytes, whole: bool) -> bytes:
     return data
 
 
+def stored_bytes(payload: bytes) -> int:
+    """Length of the content of a chunk's record by its own fields. payload: of a chunk that `unpacked` accepts. The record may
+    be longer: by fields of a newer format, or where its length is damaged."""
+    (name_bytes,) = struct.unpack_from("<I", payload, _FIXED.size)
+    size_at = _FIXED.size + 4 + int(name_bytes)
+    (data_bytes,) = struct.unpack_from("<Q", payload, size_at)
+    return size_at + 8 + int(data_bytes)
+
+
 def _content(chunk: Chunk, size: int, whole: bool) -> bytes:
     """At most size + 1 bytes: one byte more than stated shows the excess."""
     match chunk.compression:

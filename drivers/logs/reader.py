@@ -101,7 +101,7 @@ class McapRecording:
 
     def events(self) -> Iterator[Event]:
         """Depth, attitude and pose in file order. Invalid samples are left out; an invalid image is delivered as one
-        unknown pixel, so that its exposure is blind; at fatal damage the pass ends. BadData is raised at the end with
+        unknown pixel, so that its exposure is blind; at damage of the file the pass ends. BadData is raised at the end with
         all problems, after everything readable was delivered."""
         for item in self.events_with():
             if not isinstance(item, LoggedMessage):

@@ -2,7 +2,8 @@
 
 The standard readers trust the index at the end and the stated lengths; after a power failure there is no index, and a
 short read is not detected. This reader takes a record only if it is complete, decompresses the last chunk of a
-truncated file as far as possible, and skips a chunk with a wrong checksum; each such place is reported as a `Damage`.
+truncated file as far as possible, skips a chunk with a wrong checksum, and goes on at the next whole chunk where a record's
+head is damaged; each such place is reported as a `Damage`.
 """
 
 from __future__ import annotations
@@ -10,7 +11,7 @@ from __future__ import annotations
 import io
 import struct
 import zlib
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO, Final
@@ -18,18 +19,17 @@ from typing import BinaryIO, Final
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.records import Attachment, Channel, Footer, Header, Message, Metadata, Schema, Statistics
+from mcap.records import Attachment, Channel, Footer, Header, Message, Metadata, Schema
 
 from ..regular_file import regular
-from .chunk import PARSE_ERRORS, unpacked
+from .chunk import PARSE_ERRORS, stored_bytes, unpacked
+from .chunk_search import FRAME, MAX_RECORD_BYTES, next_chunk
+from .summary import Summary, summary_of
 
 MAGIC: Final = b"\x89MCAP0\r\n"
-_FRAME: Final = struct.Struct("<BQ")
 _MESSAGE_HEAD: Final = struct.Struct("<HIQQ")
 """Channel, sequence, log time and publish time of a message; its data follow."""
-_FOOTER_BYTES: Final = _FRAME.size + 20
-_MAX_RECORD_BYTES: Final = 1 << 28
-"""Size limit of a record in the file; a longer one is skipped."""
+_FOOTER_BYTES: Final = FRAME.size + 20
 _FIRST_RECORDS: Final = 100_000
 """Number of records in chunks that are read of any file, plus one per byte of the file. Real messages need several
 bytes each."""
@@ -55,7 +55,7 @@ class Damage:
 
     offset: int
     cause: str
-    fatal: bool  # nothing after it can be read
+    end: bool = False  # the file is cut there; everything before it was read, or is another damage
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,15 +65,6 @@ class Logged:
     channel: Channel
     schema: Schema | None
     message: Message
-
-
-@dataclass(frozen=True, slots=True)
-class Summary:
-    """The summary at the end of a finished file."""
-
-    schemas: dict[int, Schema]
-    channels: dict[int, Channel]
-    counts: dict[int, int]
 
 
 Item = Logged | Attachment | Metadata | Damage
@@ -102,6 +93,7 @@ class McapScan:
             self._stream.close()
             raise
         self._records_left = _FIRST_RECORDS + self.size
+        self._checked = len(MAGIC)  # end of the last chunk that was read; a damaged length may have led over later ones
         self.header: Header | None = None
         self.schemas: dict[int, Schema] = dict(self.summary.schemas) if self.summary else {}
         self.channels: dict[int, Channel] = dict(self.summary.channels) if self.summary else {}
@@ -118,43 +110,64 @@ class McapScan:
 
     def items(self) -> Iterator[Item]:
         """All messages, attachments, metadata and damages, in file order."""
-        at = len(MAGIC)
+        at: int | None = len(MAGIC)
+        while at is not None:
+            at = yield from self._records(at)
+
+    def _records(self, at: int) -> Generator[Item, None, int | None]:
+        """Reads records from `at` on, as far as one leads to the next. Returns the place of the chunk where to go on; None: the
+        file ends, or nothing after it can be read."""
         ended = False
         while at < self.size:
             try:
-                frame = self._read_at(at, _FRAME.size)
+                frame = self._read_at(at, FRAME.size)
             except OSError as error:
-                yield Damage(at, f"the disk cannot be read there ({error.strerror})", fatal=True)
-                return
+                return (yield from self._broken(at, f"the disk cannot be read there ({error.strerror})"))
             if ended and frame[: len(MAGIC)] == MAGIC and at + len(MAGIC) == self.size:
                 yield from self._damaged_summary(at)
-                return
-            if len(frame) < _FRAME.size:
+                return None
+            if len(frame) < FRAME.size:
                 break
-            opcode, length = _FRAME.unpack(frame)
+            opcode, length = FRAME.unpack(frame)
             if opcode == 0 and self._only_zeros(at):
                 break
             if not _known(opcode):
-                yield Damage(at, f"no record begins with 0x{opcode:02x}", fatal=True)
-                return
-            if at + _FRAME.size + length > self.size:
-                if opcode == Opcode.CHUNK and self.size - at <= _MAX_RECORD_BYTES:
-                    yield from self._record(at, opcode, self.size - at - _FRAME.size, whole=False)
-                break
+                return (yield from self._broken(at, f"no record begins with 0x{opcode:02x}"))
+            if at + FRAME.size + length > self.size:
+                return (yield from self._longer_than_file(at, opcode))
             ended = ended or opcode == Opcode.FOOTER
             yield from self._record(at, opcode, length)
             if self._records_left < 0:
                 most = _FIRST_RECORDS + self.size
-                yield Damage(at, f"the file has more records than the limit of {most} for its size", fatal=True)
-                return
-            at += _FRAME.size + length
-        yield Damage(at, "the file ends there without its summary", fatal=True)
+                yield Damage(at, f"the file has more records than the limit of {most} for its size")
+                return None
+            at += FRAME.size + length
+        yield Damage(at, _NO_END, end=True)
+        return None
+
+    def _broken(self, at: int, cause: str) -> Generator[Item, None, int | None]:
+        """A record whose head cannot be read. Returns the place of the next chunk."""
+        found = next_chunk(self._stream, self._checked, self.size)
+        yield Damage(at, cause)
+        return found
+
+    def _longer_than_file(self, at: int, opcode: int) -> Generator[Item, None, int | None]:
+        """A record that states a length beyond the end of the file: the file is truncated, or the length is damaged where a
+        whole chunk follows. Returns the place of that."""
+        found = next_chunk(self._stream, self._checked, self.size)
+        if found is None:
+            if opcode == Opcode.CHUNK and self.size - at <= MAX_RECORD_BYTES:
+                yield from self._record(at, opcode, self.size - at - FRAME.size, whole=False)
+            yield Damage(at, _NO_END, end=True)
+        else:
+            yield Damage(at, "the length of the record is damaged")
+        return found
 
     def _damaged_summary(self, at: int) -> Iterator[Item]:
         """The damage of the summary, which ends at `at`: readers that use the index refuse the file."""
         if self._summary_fault:
             text = f"the summary at its end is damaged ({self._summary_fault})"
-            yield Damage(at - _FOOTER_BYTES, text, fatal=False)
+            yield Damage(at - _FOOTER_BYTES, text)
 
     def _only_zeros(self, at: int) -> bool:
         """Whether the rest is zeros: a partial block, or space that a power failure left unwritten."""
@@ -174,16 +187,16 @@ class McapScan:
         return self._stream.read(length)
 
     def _record(self, at: int, opcode: int, length: int, whole: bool = True) -> Iterator[Item]:
-        if length > _MAX_RECORD_BYTES:
-            text = f"record skipped: {length} bytes, more than the limit of {_MAX_RECORD_BYTES}"
-            yield Damage(at, text, fatal=False)
+        if length > MAX_RECORD_BYTES:
+            text = f"record skipped: {length} bytes, more than the limit of {MAX_RECORD_BYTES}"
+            yield Damage(at, text)
             return
         if opcode not in _READ:
             return
         try:
-            payload = self._read_at(at + _FRAME.size, length)
+            payload = self._read_at(at + FRAME.size, length)
         except OSError as error:
-            yield Damage(at, f"record skipped: the disk cannot be read there ({error.strerror})", fatal=False)
+            yield Damage(at, f"record skipped: the disk cannot be read there ({error.strerror})")
             return
         if opcode == Opcode.CHUNK:
             yield from self._chunk(at, payload, whole)
@@ -191,7 +204,7 @@ class McapScan:
             try:
                 item = self._parsed(at, opcode, memoryview(payload))
             except PARSE_ERRORS as error:
-                item = Damage(at, f"unreadable record: {error or type(error).__name__}", fatal=False)
+                item = Damage(at, f"unreadable record: {error or type(error).__name__}")
             if item is not None:
                 yield item
 
@@ -225,7 +238,7 @@ class McapScan:
         if message.channel_id in self._lost_channels:
             return None
         self._lost_channels.add(message.channel_id)
-        return Damage(at, f"messages of channel {message.channel_id}, whose description is lost", fatal=False)
+        return Damage(at, f"messages of channel {message.channel_id}, whose description is lost")
 
     def _chunk(self, at: int, payload: bytes, whole: bool) -> Iterator[Item]:
         """The content of a chunk; of a truncated one as far as it can be decompressed, the caller reports the
@@ -234,27 +247,29 @@ class McapScan:
             data = unpacked(payload, whole)
         except PARSE_ERRORS as error:
             if whole:
-                yield Damage(at, f"chunk skipped: {error or type(error).__name__}", fatal=False)
+                yield Damage(at, f"chunk skipped: {error or type(error).__name__}")
             return
+        if whole:
+            self._checked = at + FRAME.size + stored_bytes(payload)
         records, inside = memoryview(data), 0
-        while inside + _FRAME.size <= len(data):
+        while inside + FRAME.size <= len(data):
             self._records_left -= 1
             if self._records_left < 0:
                 return
-            opcode, length = _FRAME.unpack_from(data, inside)
-            begin = inside + _FRAME.size
+            opcode, length = FRAME.unpack_from(data, inside)
+            begin = inside + FRAME.size
             if begin + length > len(data):
                 break
             if opcode in _IN_CHUNKS:
                 try:
                     item = self._parsed(at, opcode, records[begin : begin + length])
                 except PARSE_ERRORS as error:
-                    item = Damage(at, f"unreadable record: {error or type(error).__name__}", fatal=False)
+                    item = Damage(at, f"unreadable record: {error or type(error).__name__}")
                 if item is not None:
                     yield item
             inside = begin + length
         if whole and inside != len(data):
-            yield Damage(at, "chunk ends within a record", fatal=False)
+            yield Damage(at, "chunk ends within a record")
 
     def _read_summary(self) -> Summary | None:
         """The summary; None when the file has no readable one. Notes why one that is there is not readable."""
@@ -265,14 +280,14 @@ class McapScan:
             end = self._read_at(self.size - tail, tail)
         except OSError:  # a damaged disk, which the pass reports
             return None
-        opcode, length = _FRAME.unpack_from(end)
-        if end[_FOOTER_BYTES:] != MAGIC or opcode != Opcode.FOOTER or length != _FOOTER_BYTES - _FRAME.size:
+        opcode, length = FRAME.unpack_from(end)
+        if end[_FOOTER_BYTES:] != MAGIC or opcode != Opcode.FOOTER or length != _FOOTER_BYTES - FRAME.size:
             return None
-        footer = Footer.read(ReadDataStream(io.BytesIO(end[_FRAME.size :])))
+        footer = Footer.read(ReadDataStream(io.BytesIO(end[FRAME.size :])))
         if footer.summary_start == 0:  # permitted
             return None
         try:
-            return self._summary_from(footer, self.size - tail, end[: _FRAME.size + 16])
+            return self._summary_from(footer, self.size - tail, end[: FRAME.size + 16])
         except OSError as error:
             self._summary_fault = f"the disk cannot be read there: {error.strerror}"
         except PARSE_ERRORS as error:
@@ -284,14 +299,15 @@ class McapScan:
         OSError, and one of PARSE_ERRORS."""
         if not len(MAGIC) <= footer.summary_start < end:
             raise McapError(f"it begins at byte {footer.summary_start}, outside of the file")
-        if end - footer.summary_start > _MAX_RECORD_BYTES:
-            raise McapError(f"it is longer than the limit of {_MAX_RECORD_BYTES} bytes")
+        if end - footer.summary_start > MAX_RECORD_BYTES:
+            raise McapError(f"it is longer than the limit of {MAX_RECORD_BYTES} bytes")
         data = self._read_at(footer.summary_start, end - footer.summary_start)
         if footer.summary_crc and zlib.crc32(footer_head, zlib.crc32(data)) != footer.summary_crc:
             raise McapError("wrong checksum")
-        return _summary(data)
+        return summary_of(data)
 
 
+_NO_END: Final = "the file ends there without its summary"
 _IN_CHUNKS: Final = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE)
 _READ: Final = (Opcode.CHUNK, Opcode.HEADER, Opcode.ATTACHMENT, Opcode.METADATA, *_IN_CHUNKS)
 """Records with content; others are for random access."""
@@ -312,24 +328,3 @@ def _message(payload: memoryview) -> Message:
         publish_time=publish_time,
         data=bytes(payload[_MESSAGE_HEAD.size :]),
     )
-
-
-def _summary(data: bytes) -> Summary:
-    """Schemas, channels and counts of the summary."""
-    schemas: dict[int, Schema] = {}
-    channels: dict[int, Channel] = {}
-    counts: dict[int, int] = {}
-    at = 0
-    while at + _FRAME.size <= len(data):
-        opcode, length = _FRAME.unpack_from(data, at)
-        stream = ReadDataStream(io.BytesIO(data[at + _FRAME.size : at + _FRAME.size + length]))
-        if opcode == Opcode.SCHEMA:
-            schema = Schema.read(stream)
-            schemas[schema.id] = schema
-        elif opcode == Opcode.CHANNEL:
-            channel = Channel.read(stream)
-            channels[channel.id] = channel
-        elif opcode == Opcode.STATISTICS:
-            counts = dict(Statistics.read(stream).channel_message_counts)
-        at += _FRAME.size + length
-    return Summary(schemas, channels, counts)

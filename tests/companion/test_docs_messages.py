@@ -11,7 +11,8 @@ from companion.live.depth_preview import MOST_WAITING
 from companion.live.world_thread import CHANGES_NS
 from companion.share.sharing_thread import NS, PUBLISH_NS, SOON_NS
 from drivers.logs.chunk import MAX_CHUNK_BYTES
-from drivers.logs.record_scanner import _FIRST_RECORDS, _MAX_RECORD_BYTES
+from drivers.logs.chunk_search import MAX_RECORD_BYTES
+from drivers.logs.record_scanner import _FIRST_RECORDS
 from osape_client.proto import osape_v1_pb2 as pb
 from osape_client.world.decode import PLANE_RECORD
 
@@ -46,7 +47,7 @@ def test_the_streams_are_those_of_the_configuration() -> None:
 
 
 def test_the_limits_of_a_log_are_those_of_the_reader() -> None:
-    assert f"a chunk unpacks to {MAX_CHUNK_BYTES >> 20} MiB, a record has {_MAX_RECORD_BYTES >> 20} MiB" in TEXT
+    assert f"a chunk unpacks to {MAX_CHUNK_BYTES >> 20} MiB, a record has {MAX_RECORD_BYTES >> 20} MiB" in TEXT
     assert f"and {_FIRST_RECORDS:,} more" in TEXT
 
 
