@@ -15,9 +15,12 @@ from numpy.typing import NDArray
 
 from core.frames import euler_from_rotation, rotation_from_quaternion
 from core.types import FrameModel
-from drivers.logs.reader import McapRecording
+from drivers.base import BadData
+from drivers.logs.reader import LoggedMessage, McapRecording
+from drivers.logs.topics import TOPICS
 from osape_client.proto import osape_v1_pb2 as pb
 
+from ..console import counted
 from ..pipeline.encode import prisms_from_message
 from ..pipeline.results import PrismsResult
 
@@ -73,12 +76,38 @@ COLUMNS: dict[str, tuple[tuple[str, str], ...]] = {
 
 
 def read_tables(source: McapRecording, tables: Tables) -> Iterator[PrismsResult]:
-    """Adds all frames of a log, and yields each. Raises BadData at the end for a damaged log."""
-    for item in source.messages("prisms"):
-        if isinstance(item.message, pb.PrismsFrame):
-            result = prisms_from_message(item.message)
+    """Adds all frames of a log, and yields each. A frame that does not fit together, as one of a newer version, is left out. Raises
+    BadData at the end for such frames and for a damaged log."""
+    rejected: list[str] = []
+    try:
+        for item in source.messages("prisms"):
+            try:
+                result = _result(item, source)
+            except ValueError as error:
+                rejected.append(f"{TOPICS[item.key].of(item.camera)}, frame {item.sequence}: {error}")
+                continue
             tables.add(result)
             yield result
+    except BadData as error:
+        raise BadData(f"{error}; {_rejection(rejected)}" if rejected else str(error)) from error
+    if rejected:
+        raise BadData(f"{source.path}: {_rejection(rejected)}")
+
+
+def _result(item: LoggedMessage, source: McapRecording) -> PrismsResult:
+    """The result of a message. Raises ValueError."""
+    assert isinstance(item.message, pb.PrismsFrame)
+    result = prisms_from_message(item.message)
+    if result.camera not in {info.camera for info in source.cameras}:
+        raise ValueError(f"the log does not describe its camera {result.camera!r}")
+    return result
+
+
+def _rejection(rejected: list[str]) -> str:
+    return (
+        f"{counted(len(rejected), 'frame')} left out, the first: {rejected[0]}; use the version that wrote the log, or compute "
+        "the results again with `companion replay -o`"
+    )
 
 
 def _columns(columns: Iterable[tuple[str, str]], rows: list[tuple[Any, ...]]) -> Table:

@@ -127,14 +127,21 @@ def _attitude_at(message: pb.AttitudeUsed) -> AttitudeAt:
     norm = math.hypot(q.w, q.x, q.y, q.z)
     if not abs(norm - 1.0) < 1e-3:  # also NaN
         raise ValueError(f"attitude: the norm of q_ned_frd is {norm:g}, expected 1; is the message damaged?")
-    return AttitudeAt((q.w, q.x, q.y, q.z), Source(message.source), message.distance_ns)
+    return AttitudeAt((q.w, q.x, q.y, q.z), _source(message.source), message.distance_ns)
+
+
+def _source(number: int) -> Source:
+    try:
+        return Source(number)
+    except ValueError as error:
+        raise ValueError(f"source {number} of a sample is unknown: was this written by a newer version?") from error
 
 
 def _pose_at(message: pb.PoseUsed) -> PoseAt:
     p = message.position_ned_m
     if not all(map(math.isfinite, (p.x, p.y, p.z))):
         raise ValueError("pose: position_ned_m is not finite; is the message damaged?")
-    return PoseAt((p.x, p.y, p.z), Source(message.source), message.distance_ns, message.reset_counter)
+    return PoseAt((p.x, p.y, p.z), _source(message.source), message.distance_ns, message.reset_counter)
 
 
 def _transform(message: pb.LevelTransform) -> LevelTransform:

@@ -14,6 +14,7 @@ import pytest
 
 from companion.cli import main
 from companion.export.gltf import glb, to_gltf
+from companion.log.log_writer import LogWriter
 from companion.pipeline.encode import prisms_from_message
 from core.types import PoseSample, Prism
 from drivers.logs.reader import McapRecording
@@ -127,6 +128,52 @@ def test_gltf_of_a_log(log: Path, results: list[Any], tmp_path: Path, capsys: py
     assert f"no valid frame 9999; the sequence numbers of valid ones lie between {min(valid)} and {max(valid)}" in (
         capsys.readouterr().err
     )
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "why"),
+    [
+        ("cause", 77, "cause 77 is not one of InvalidCause: was this written by a newer version?"),
+        ("schema_version", 2, "prisms of schema version 2"),
+        ("attitude", 9, "source 9 of a sample is unknown: was this written by a newer version?"),
+        ("camera", "other", "the log does not describe its camera 'other'"),
+    ],
+)
+@pytest.mark.parametrize("kind", ["npz", "gltf"])
+def test_a_frame_of_a_newer_version_costs_itself_only(
+    kind: str, field: str, value: Any, why: str, log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """One such frame refused the whole export, without the name of the log; one of another camera ended with a traceback."""
+    newer, out = tmp_path / "newer.mcap", tmp_path / ("a.npz" if kind == "npz" else "a.glb")
+    number = 0
+    with McapRecording(log) as source, LogWriter(newer) as written:
+        assert source.run is not None
+        written.begin(source.run, source.cameras, t_ns=START_NS)
+        for item in source.messages("prisms"):
+            message = cast(pb.PrismsFrame, item.message)
+            if number == 1:
+                message.valid = field == "camera"
+                if field == "attitude":
+                    message.attitude.source = value
+                else:
+                    setattr(message, field, value)
+                if field == "camera":
+                    _double_planes(message)
+            written.write("prisms", message, item.t_log_ns, item.camera, item.sequence)
+            number += 1
+    assert main(["export", str(newer), "-f", kind, "-o", str(out)]) == 1
+    error = capsys.readouterr().err
+    assert f"{newer}: 1 frame left out, the first: /camera/front/prisms, frame 1: {why}" in error
+    if kind == "npz":
+        with np.load(out) as data:
+            assert data["frames.sequence"].tolist() == [n for n in range(number) if n != 1]
+    else:
+        assert out.exists()
+
+
+def _double_planes(message: pb.PrismsFrame) -> None:
+    """Gives the frame more planes than the others: it would be chosen."""
+    message.planes.MergeFrom(pb.Planes.FromString(message.planes.SerializeToString()))
 
 
 def test_gltf_of_a_frame_without_position_has_no_trajectory(tmp_path: Path) -> None:
