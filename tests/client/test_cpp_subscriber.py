@@ -93,14 +93,17 @@ def test_planes_and_the_nearest_of_them(program: Path, publisher: zmq.Socket[byt
     [
         (frame(publication=pb.Publication(age_ns=900_000_000)).SerializeToString(), "0.9 s old"),
         (
-            pb.PrismsFrame(schema_version=1, cause_text="camera front is silent").SerializeToString(),
+            pb.PrismsFrame(
+                schema_version=1, cause_text="camera front is silent", publication=pb.Publication()
+            ).SerializeToString(),
             "camera front is silent",
         ),
         (b"\xff" * 40, "not a PrismsFrame of schema version 1"),
         (pb.PrismsFrame(schema_version=2, valid=True).SerializeToString(), "not a PrismsFrame of schema version 1"),
+        (frame().SerializeToString(), "cut short: the part that is written last is missing"),
         (None, "no message"),
     ],
-    ids=["stale", "blind", "foreign", "of another version", "silent"],
+    ids=["stale", "blind", "foreign", "of another version", "without its end", "silent"],
 )
 def test_invalid_frames_free_nothing(
     program: Path, publisher: zmq.Socket[bytes], message: bytes | None, why: str
@@ -442,7 +445,8 @@ def test_a_message_over_ipv6(program: Path) -> None:
     with zmq.Context() as context, context.socket(zmq.XPUB) as socket:
         socket.setsockopt(zmq.IPV6, 1)
         socket.bind("tcp://[::1]:*")
-        assert "2 planes" in output_for(program, socket, frame().SerializeToString())
+        message = frame(publication=pb.Publication())
+        assert "2 planes" in output_for(program, socket, message.SerializeToString())
 
 
 def test_a_connection_that_failed_for_good_is_opened_again(program: Path) -> None:

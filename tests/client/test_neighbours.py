@@ -120,6 +120,21 @@ def test_the_subscriber_returns_obstacles_of_the_present(tmp_path: Path) -> None
         assert not found.movers
 
 
+def test_a_message_without_its_end_does_not_replace_an_earlier_one(tmp_path: Path) -> None:
+    """It may lack moving obstacles, and its age."""
+    address = f"ipc://{tmp_path}/neighbours"
+    vehicle = replace(SharedObstacles.empty(7), movers=(vehicle_at(8.0, 10.0),))
+    cut = pb.NeighbourObstacles(schema_version=1, section=3).SerializeToString()
+    with zmq.Context() as context, context.socket(zmq.PUB) as socket:
+        socket.bind(address)
+        with NeighboursSubscriber(address, timeout_s=600.0) as subscriber:
+            while not subscriber.newest(section=3, wait_s=0.1).movers:
+                socket.send(published(vehicle, 500))
+            while not subscriber.undecodable:
+                socket.send(cut)
+                assert subscriber.newest(section=3, wait_s=0.1).movers
+
+
 number = st.floats(-50.0, 50.0)
 place = st.tuples(number, number, number)
 

@@ -297,6 +297,17 @@ def test_foreign_late_and_doubled_messages_are_counted_and_passed_over(service: 
         assert client.wait(60.0) is not None
 
 
+def test_a_message_without_its_end_is_not_used(service: Service) -> None:
+    """Without the publication, which is written last, its age was taken for 0: an old message was not stale. One of all cameras
+    lacked the obstacles of the last of them."""
+    data = a_frame().SerializeToString()
+    with Subscriber(service.address) as client:
+        joined(client, service)
+        service.publisher._socket.send(data)
+        assert until(lambda: client.wait(0.05) is None and client.stats.undecodable == 1, 60.0)
+        assert client.stats.last_error.endswith("cut short: the part that is written last is missing")
+
+
 def test_numbers_that_do_not_fit_together_leave_all_unknown(service: Service) -> None:
     broken = a_frame()
     del broken.planes.corners_m[-1]
@@ -381,6 +392,7 @@ def test_with_keys_over_tcp_and_without_them_nothing(tmp_path: Path) -> None:
     address = f"tcp://127.0.0.1:{free_port()}"
     publisher = Publisher(Stream("prisms", address), context, keys)
     message = a_frame()
+    message.publication.boot_id = "boot"
     try:
         with Subscriber(address, keys=mine) as known, Subscriber(address) as unknown:
             assert until(lambda: (publisher.publish(message), known.wait(0.05))[1] is not None, 60.0)

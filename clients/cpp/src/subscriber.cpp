@@ -136,6 +136,11 @@ bool Subscriber::receive(std::chrono::milliseconds timeout) {
     stats_.last_error = address_ + ": not a PrismsFrame of schema version " + std::to_string(kSchemaVersion);
     return false;
   }
+  if (!frame.has_publication()) {  // without it the age is not known
+    ++stats_.undecodable;
+    stats_.last_error = address_ + ": a PrismsFrame that is cut short: the part that is written last is missing";
+    return false;
+  }
   if (!is_newer(frame)) {
     ++stats_.out_of_order;
     return false;

@@ -51,6 +51,8 @@ class NeighboursSubscriber(StreamSubscriber):
             message.ParseFromString(data)
             if message.schema_version != SCHEMA_VERSION:
                 raise ValueError(f"schema {message.schema_version}, expected {SCHEMA_VERSION}")
+            if not message.HasField("publication"):
+                raise ValueError("cut short: the part that is written last is missing")
             self._newest, self._received_ns = NeighbourObstacles(message), received_ns
             self._sent_age_ns = max(0, message.publication.age_ns)
         except (DecodeError, ValueError):

@@ -230,6 +230,9 @@ class Subscriber(StreamSubscriber):
                 f"schema version {content.schema_version}; this client reads {SCHEMA_VERSION}: update osape-client"
             )
             return False
+        if not content.HasField("publication"):  # without it the age is not known
+            self._count_undecodable(f"{len(data)} bytes are cut short: the part that is written last is missing")
+            return False
         if not self._is_newer(content):
             self.stats.out_of_order += 1
             return False

@@ -49,8 +49,8 @@ class ReceivedTracks:
 
 
 class TracksSubscriber(StreamSubscriber):
-    """Receives the stream `tracks`; only the newest message is kept, of whichever camera. Messages of another schema are
-    counted in `undecodable`. Not thread-safe.
+    """Receives the stream `tracks`; only the newest message is kept, of whichever camera. Messages of another schema, and
+    those without the part that is written last, are counted in `undecodable`. Not thread-safe.
 
     address: None: the service on this machine; timeout_s: age at which a message becomes stale; keys: folder of this
     client's CURVE keys. Raises KeyFileError."""
@@ -71,7 +71,7 @@ class TracksSubscriber(StreamSubscriber):
                     content.ParseFromString(received[0])
                 except DecodeError:
                     content.Clear()
-                if content.schema_version == SCHEMA_VERSION:
+                if content.schema_version == SCHEMA_VERSION and content.HasField("publication"):
                     return ReceivedTracks(content, received[1], self._timeout_s)
                 self.undecodable += 1
             if clock_ns() >= end_ns:
