@@ -27,7 +27,7 @@ from ..pipeline.results import PrismsResult
 from ..streams.curve_auth import ServerKeys
 from ..streams.publication import PublicationStamps
 from ..streams.publisher import Publisher, Stream
-from ..streams.world_messages import snapshot_message, world_message
+from ..streams.world_messages import snapshot_message, update_bytes, world_message
 from .published_blocks import PublishedBlocks
 
 NS = 1_000_000_000
@@ -124,7 +124,7 @@ class WorldThread:
             if asked and self._receive_request():
                 picture = self.world.picture(now_ns)
                 self._blocks.add(picture)
-                self._requests.publish(self._completed(snapshot_message(picture, now_ns), now_ns))
+                self._requests.publish(update_bytes(self._completed(snapshot_message(picture, now_ns), now_ns)))
             if now_ns >= self._next_ns:
                 self._next_ns = now_ns + CHANGES_NS
                 self._publish_changes(now_ns)
@@ -172,7 +172,7 @@ class WorldThread:
             picture, removed = self.world.changes(now_ns, self._since)
             message = world_message(self._blocks.changes(picture, self.world), removed, now_ns)
         self._section, self._epoch, self._since = section, epoch, self.world.frame
-        self._changes.publish(self._completed(message, now_ns))
+        self._changes.publish(update_bytes(self._completed(message, now_ns)))
 
     def _completed(self, message: pb.WorldUpdate, now_ns: int) -> pb.WorldUpdate:
         """Fills the fields that every message has."""

@@ -12,6 +12,8 @@ from core.world.snapshot import WorldSnapshot
 from osape_client.proto import osape_v1_pb2 as pb
 from osape_client.world.decode import BLOCK_HEIGHT_M, NO_GROUND_CM, PLANE_RECORD, SCHEMA_VERSION
 
+from ..pipeline.encode import wire_bytes
+
 NS = 1_000_000_000
 
 
@@ -34,6 +36,15 @@ def snapshot_message(picture: WorldSnapshot, now_ns: int) -> pb.WorldUpdate:
     message = world_message(picture, np.zeros(0, np.int32), now_ns)
     message.snapshot = True
     return message
+
+
+def update_bytes(message: pb.WorldUpdate) -> bytes:
+    """The encoded message, its publication last: a subscriber that finds it has the whole message. Fields are encoded in the order
+    of their numbers, and those of the ground and the cause are higher."""
+    content, last = pb.WorldUpdate(), pb.WorldUpdate(publication=message.publication)
+    content.CopyFrom(message)
+    content.ClearField("publication")
+    return wire_bytes(content) + wire_bytes(last)
 
 
 def plane_records(picture: WorldSnapshot, now_ns: int) -> bytes:

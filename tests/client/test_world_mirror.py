@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 import time
+import zlib
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
@@ -22,7 +23,7 @@ from companion.pipeline.sync import DropCause, PoseAt, Source
 from companion.pipeline.transform import LevelTransform
 from companion.streams.publication import PublicationStamps
 from companion.streams.publisher import Publisher, Stream
-from companion.streams.world_messages import snapshot_message, world_message
+from companion.streams.world_messages import snapshot_message, update_bytes, world_message
 from core.world.params import WorldParams
 from core.world.snapshot import WorldSnapshot
 from core.world.world import Observation, World
@@ -470,12 +471,15 @@ def test_blocks_that_became_empty_are_not_kept() -> None:
 
 
 def test_a_message_cut_at_any_byte_is_no_world(speaker: Speaker) -> None:
+    """The ground was written behind the publication: without it, what touches the ground was free."""
     t_ns = now()  # one for all: later the position would be stale
     speaker.service.put(result(seen(WALLS, (0.0, 0.0), 0.0, t_ns)))
     speaker.service._take()
-    whole = speaker.service._completed(
-        snapshot_message(speaker.service.world.picture(t_ns), t_ns), t_ns
-    ).SerializeToString()
+    message = speaker.service._completed(snapshot_message(speaker.service.world.picture(t_ns), t_ns), t_ns)
+    assert message.blocks
+    message.ground = zlib.compress(np.full((len(message.blocks) // 3, 256, 2), 500, "<u2").tobytes(), 1)
+    whole = update_bytes(message)
+    assert pb.WorldUpdate.FromString(whole) == message
     with WorldMirror(*speaker.addresses, timeout_s=60.0) as mirror:
         for size in range(len(whole)):
             mirror._read(whole[:size], clock_ns())
