@@ -527,15 +527,17 @@ def test_the_tracks_are_those_of_python(program: Path, tmp_path: Path) -> None:
         "track 7 a 5.000 1.000 b 5.000 -1.000 margin 0.125 confidence 0.750 state 2",
         f"moving 3 at {x:.3f} {y:.3f} sigma {sigma:.3f}",
     ]
-    for field, value in (("flags", 1), ("margin_m", NAN), ("sigma_m", -1.0), ("velocity_x_m_s", NAN)):
+    damages = {"flags": 1, "margin_m": NAN, "sigma_m": -1.0, "velocity_x_m_s": NAN}
+    damages |= {"id": 2**63, "object_id": 2**63, "hits": 2**31}
+    for field, value in damages.items():
         damaged = pb.Tracks.FromString(message.SerializeToString())
         if field == "flags":
-            damaged.flags.append(int(value))
+            damaged.flags.append(1)
         elif field == "velocity_x_m_s":
             damaged.objects[0].velocity_x_m_s = value
         else:
             getattr(damaged, field)[0] = value
-        with pytest.raises(ValueError, match="tracks"):
+        with pytest.raises(ValueError, match="damaged"):
             tracks_from_message(damaged)
         file.write_bytes(damaged.SerializeToString())
         done = subprocess.run([tracks, file], capture_output=True, check=False)

@@ -37,6 +37,14 @@ inline bool fits(const osape::v1::MovingObstacle& o) {
          std::all_of(sizes.begin(), sizes.end(), [](double value) { return std::isfinite(value) && value >= 0.0; });
 }
 
+// Whether numbers are of the range of the client in Python: greater ones are of a damaged message.
+inline bool whole_numbers_fit(const osape::v1::Tracks& m) {
+  const auto id_fits = [](std::uint64_t id) { return id <= 0x7fffffffffffffffu; };
+  return std::all_of(m.id().begin(), m.id().end(), id_fits) &&
+         std::all_of(m.object_id().begin(), m.object_id().end(), id_fits) &&
+         std::all_of(m.hits().begin(), m.hits().end(), [](std::uint32_t hits) { return hits <= 0x7fffffffu; });
+}
+
 // The tracks of a message; nothing where its parts do not fit together, a number is not finite, or a margin is negative. Where
 // m.left_out() is not 0, the service had no room for all: take the obstacles of the PrismsFrame.
 inline std::optional<std::vector<Track>> tracks_of(const osape::v1::Tracks& m) {
@@ -46,6 +54,7 @@ inline std::optional<std::vector<Track>> tracks_of(const osape::v1::Tracks& m) {
       m.unseen_ns_size() != n || m.object_id_size() != n) {
     return std::nullopt;
   }
+  if (!whole_numbers_fit(m)) return std::nullopt;
   if (!finite_and_not_negative(m.margin_m()) || !finite_and_not_negative(m.sigma_m())) return std::nullopt;
   if (!std::all_of(m.objects().begin(), m.objects().end(), fits)) return std::nullopt;
   std::vector<Track> tracks;
