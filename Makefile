@@ -76,7 +76,7 @@ test-realtime: $(STAMP)
 	@$(BIN)/companion warmup
 	@echo "== tests that follow a service in real time"; $(BIN)/pytest $(BY_FILE) -n 2 -m realtime $(call WITH_MARK,realtime,tests)
 
-test-versions: $(STAMP) ## Python 3.11 to 3.13, each with the lowest and highest packages (needs the network; ARGS='--only 3.12')
+test-versions: $(STAMP) ## Python 3.11 to 3.14, each with the lowest and highest packages (needs the network; ARGS='--only 3.12')
 	@$(BIN)/python .ci/test_versions.py $(ARGS)
 
 SEED ?= $(shell date +%s)

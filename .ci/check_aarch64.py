@@ -1,6 +1,6 @@
 """Checks that all dependencies have wheels for 64-bit ARM. Only the package index is downloaded.
 
-    python .ci/check_aarch64.py [3.11 3.12 3.13]
+    python .ci/check_aarch64.py [3.11 3.12 3.13 3.14]
 
 Asks pip to resolve the dependencies, with the camera libraries, for CPython on aarch64 with the glibc of Raspberry Pi OS 12
 (2.36) or Ubuntu 22.04 (2.35), as on a board. Status 0: all exist; 1: one is missing, named by pip; 3: no index can be
@@ -17,7 +17,7 @@ from pathlib import Path
 from urllib.parse import urlsplit
 
 ROOT = Path(__file__).resolve().parent.parent
-VERSIONS = ("3.11", "3.12", "3.13")
+VERSIONS = ("3.11", "3.12", "3.13", "3.14")
 GLIBC = (17, 24, 26, 27, 28, 31, 34, 35)
 CAMERAS = ("oak", "zed", "v4l2")
 

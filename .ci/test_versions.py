@@ -23,7 +23,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
-VERSIONS = ("3.11", "3.12", "3.13")
+VERSIONS = ("3.11", "3.12", "3.13", "3.14")
 RESOLUTIONS = {"lowest": "lowest-direct", "highest": "highest"}
 """Name -> strategy of `uv pip install`. lowest-direct: the lowest allowed versions of the dependencies that pyproject.toml
 names; the resolver takes the lowest one that has a wheel for the interpreter."""

@@ -21,7 +21,7 @@ from .steps import InstallError
 
 HIDDEN: Final = (Path("/home"), Path("/root"), Path("/run/user"))
 """Hidden from the service by the unit's ProtectHome."""
-NAMES: Final = ("python3.13", "python3.12", "python3.11", "python3")
+NAMES: Final = ("python3.14", "python3.13", "python3.12", "python3.11", "python3")
 PLACES: Final = "/usr/local/bin:/usr/bin:/bin"
 USABLE: Final = "import sys, venv, ensurepip; sys.exit(sys.version_info < (3, 11))"
 ROOT: Final = Path(__file__).resolve().parents[2]
