@@ -19,6 +19,9 @@ from .obstacle_range import obstacle_range_m
 
 _BEFORE_M = 1e-3
 """A ring that ends at the range itself is not free."""
+_FINE_RINGS, _MOST_RINGS = 16, 250
+"""Number of rings of the free ranges that are half a step apart, the nearest ones, and of all rings. As in
+core/stages/free_rings.py and free_space.py, of which the kernels are not needed here."""
 
 
 STEEP_DEG = 45.0
@@ -34,12 +37,21 @@ def looks_ahead(info: CameraInfo) -> bool:
 def clear_reach_m(info: CameraInfo, params: Params) -> float:
     """Returns the distance from the vehicle's middle to which a camera sees free space ahead of it, by its prior noise.
 
-    Free ranges end at whole rings before the range up to which depths count as measured, less the camera's bias."""
-    ring_m = params.profile_ring_m
-    measured_m = math.floor((obstacle_range_m(info, params=params) - _BEFORE_M) / ring_m) * ring_m
+    Free ranges end at the last ring before the range up to which depths count as measured, less the camera's bias."""
+    measured_m = _last_ring_m(params.profile_ring_m, obstacle_range_m(info, params=params) - _BEFORE_M)
     mount = info.mount
     ahead_m = mount.x_m * math.cos(mount.yaw_rad) + mount.y_m * math.sin(mount.yaw_rad)
     return measured_m / (1.0 + info.bias_per_m * measured_m) + ahead_m
+
+
+def _last_ring_m(step_m: float, range_m: float) -> float:
+    """Returns the distance of the last ring that is not beyond a range, 0 if there is none.
+
+    step_m: profile_ring_m; range_m: see above."""
+    half_steps = min(math.floor(2.0 * range_m / step_m), _FINE_RINGS)
+    if half_steps < _FINE_RINGS:
+        return 0.5 * step_m * half_steps
+    return step_m * min(math.floor(range_m / step_m), _MOST_RINGS - _FINE_RINGS // 2)
 
 
 def must_reach_m(avoid: AvoidParams) -> float:

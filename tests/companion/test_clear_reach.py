@@ -103,6 +103,25 @@ def test_the_stated_reach_is_that_of_the_sectors(kind: str, max_range_m: float) 
     assert f"at most {within.max_distance_m:g}" in clear_reach_text(info, beyond, Params())
 
 
+@pytest.mark.parametrize(
+    ("max_range_m", "ring_m", "reach_m"),
+    [(2.8, 0.5, 2.75), (3.8, 0.5, 3.75), (4.4, 0.5, 4.0), (20.0, 5.0, 17.5), (60.0, 0.1, 24.2)],
+)
+def test_the_stated_reach_is_the_last_ring_of_the_free_ranges(
+    max_range_m: float, ring_m: float, reach_m: float
+) -> None:
+    """The nearest rings are half a step apart, and there are no more than 250."""
+    info = replace(described("zed", max_range_m), ke_per_m=1e-5, bias_per_m=0.0)
+    params = Params(profile_ring_m=ring_m)
+    k = info.intrinsics
+    far = np.full((k.height, k.width), FAR_MM, np.uint16)
+    model, _ = Extractor(params).extract(far, info, level())
+    free = model.free
+    towards = free.azimuth_edges_rad.searchsorted(0.0) - 1
+    assert free.free_to_m[towards].max() == pytest.approx(reach_m, abs=1e-3)
+    assert clear_reach_m(info, params) == pytest.approx(reach_m)
+
+
 def first_result(info: CameraInfo) -> PrismsResult:
     """The result of a frame without an attitude."""
     k = info.intrinsics
