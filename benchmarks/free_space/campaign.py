@@ -3,9 +3,10 @@
     python -m benchmarks.free_space.campaign --frames 5000 --seed 1
     python -m benchmarks.free_space.campaign --matrix --frames 0
     python -m benchmarks.free_space.campaign --worlds 200 --sectors 2000 --readers 2000 --frames 0
+    python -m benchmarks.free_space.campaign --unusual 4000 --rigs 1000 --frames 0
 
 Frames are judged by every claimed cell of their profile, worlds (flights of 12 frames) by every free cell, sectors by every
-clear one, readers by what osape_client.Space answers. Prints each wrong scene, and a summary as JSON in the last line. Exits with 1 where anything is wrong, or nothing is called free.
+clear one, rigs (one to four cameras) by every sector that is clear or has an obstacle, readers by what osape_client.Space answers. Prints each wrong scene, and a summary as JSON in the last line. Exits with 1 where anything is wrong, or nothing is called free.
 """
 
 from __future__ import annotations
@@ -24,6 +25,8 @@ from benchmarks.free_space.matrix import matrix_frames
 from benchmarks.free_space.near_frames import near_frame
 from benchmarks.free_space.random_frames import RandomFrame, random_frame
 from benchmarks.free_space.readers import judge_readers
+from benchmarks.free_space.rigs import judge_rig, random_rig
+from benchmarks.free_space.unusual_frames import unusual_frame
 from benchmarks.free_space.volume import WrongCell, wrong_cells
 from benchmarks.free_space.worlds import judge_sectors, judge_world
 from benchmarks.open_air.open_claims import as_free
@@ -48,6 +51,9 @@ class Counts:
     sector_frames: int = 0
     clear_sectors: int = 0
     wrong_sectors: int = 0
+    rigs: int = 0
+    rig_sectors: int = 0
+    wrong_rig_sectors: int = 0
     reader_frames: int = 0
     reader_cells: int = 0
     wrong_reader_cells: int = 0
@@ -61,6 +67,7 @@ class Counts:
             "frames": (self.frames, self.cells),
             "worlds": (self.worlds, self.world_cells),
             "sectors": (self.sector_frames, self.clear_sectors),
+            "rigs": (self.rigs, self.rig_sectors),
             "readers": (self.reader_frames, self.reader_cells),
         }
         return [name for name, (run, claimed) in each.items() if run and not claimed]
@@ -68,9 +75,8 @@ class Counts:
     @property
     def any_wrong(self) -> bool:
         """Whether anything called free was not."""
-        return (
-            self.wrong + self.wrong_world_cells + self.wrong_sectors + self.wrong_reader_cells + self.wrong_points > 0
-        )
+        sectors = self.wrong_sectors + self.wrong_rig_sectors
+        return self.wrong + self.wrong_world_cells + sectors + self.wrong_reader_cells + self.wrong_points > 0
 
 
 def judge(r: RandomFrame, extractor: Extractor, below_ground: bool) -> tuple[list[WrongCell], int, bool, str]:
@@ -136,6 +142,22 @@ def run_sectors(first: int, frames: int, seed: int, counts: Counts) -> None:
             print(f"sectors of frame {number}: {wrong} of {clear} clear ones hold a solid", flush=True)
 
 
+def run_rigs(first: int, rigs: int, seed: int, counts: Counts) -> None:
+    """Checks the sectors around this number of vehicles with random cameras; wrong ones are printed."""
+    extractor = Extractor(Params())
+    for number in range(first, first + rigs):
+        rig = random_rig(seed, number)
+        judged = judge_rig(rig, extractor)
+        counts.rigs += 1
+        counts.rig_sectors += judged.clear + judged.obstacles
+        counts.wrong_rig_sectors += len(judged.wrong)
+        for sector, at_m, sent_m in judged.wrong:
+            print(
+                f"rig {number} of {len(rig.cameras)} cameras: sector {sector} reaches to {sent_m:.2f} m, a solid stands at {at_m:.2f} m",
+                flush=True,
+            )
+
+
 def run_readers(first: int, frames: int, seed: int, counts: Counts) -> None:
     """Checks the answers of `Space` for this number of frames; wrong ones are printed."""
     extractor = Extractor(Params())
@@ -187,6 +209,15 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--worlds", type=int, default=0)
     parser.add_argument("--sectors", type=int, default=0, help="frames whose sectors are judged")
     parser.add_argument(
+        "--unusual",
+        type=int,
+        default=0,
+        help="frames of cameras with other sizes, lenses, attitudes, noise and defects",
+    )
+    parser.add_argument(
+        "--rigs", type=int, default=0, help="vehicles with one to four such cameras, whose sectors are judged"
+    )
+    parser.add_argument(
         "--readers", type=int, default=0, help="frames whose answers are judged, below the ground that was found too"
     )
     parser.add_argument("--first", type=int, default=0, help="number of the first frame")
@@ -200,10 +231,14 @@ def main(arguments: list[str] | None = None) -> int:
     run_frames((near_frame(a.seed, number) for number in range(a.first, a.first + a.near)), a.below_ground, counts)
     run_frames((blank_frame(a.seed, number) for number in range(a.first, a.first + a.blank)), a.below_ground, counts)
     run_frames((biased_frame(a.seed, number) for number in range(a.first, a.first + a.biased)), a.below_ground, counts)
+    run_frames(
+        (unusual_frame(a.seed, number) for number in range(a.first, a.first + a.unusual)), a.below_ground, counts
+    )
     if a.hard:
         run_frames(hard_frames(a.seed), a.below_ground, counts)
     run_worlds(a.first, a.worlds, a.seed, counts)
     run_sectors(a.first, a.sectors, a.seed, counts)
+    run_rigs(a.first, a.rigs, a.seed, counts)
     run_readers(a.first, a.readers, a.seed, counts)
     for name in counts.without_claims:
         print(f"{name}: nothing was called free in any of them, so nothing was checked", flush=True)
