@@ -30,7 +30,7 @@ TESTED_BY: Final = {
     "find": "test_find.py",
     "install": "test_install.py",
     "keys": "test_publisher.py",
-    "recover": "test_log_info_recover.py",
+    "recover": "test_log_recover.py",
     "ros2": "test_ros2_bridge.py",
     "run": "test_service_alone.py",
     "setup": "test_setup.py",
@@ -39,7 +39,7 @@ TESTED_BY: Final = {
     "uninstall": "test_install.py",
     "warmup": "test_warmup.py",
 }
-"""Command -> the test in this folder that runs it, since it needs a device, a running service, root or much time."""
+"""Command -> the test of the service that runs it, since it needs a device, a running service, root or much time."""
 
 TYPED: Final = {"check-config", "configs", "export", "import", "info", "replay", "view"}
 
@@ -99,7 +99,8 @@ def test_every_command_is_typed_or_runs_in_a_test() -> None:
     assert TYPED.isdisjoint(TESTED_BY)
     assert TYPED | TESTED_BY.keys() == COMMANDS.keys()
     for command, name in TESTED_BY.items():
-        text = (Path(__file__).parent / name).read_text(encoding="utf-8")
+        (file,) = (CHECKOUT / "tests" / "companion").rglob(name)
+        text = file.read_text(encoding="utf-8")
         assert f'"{command}"' in text or f"{command.replace('-', '_')} import" in text, (command, name)
     typed = {shlex.split(line)[1] for s in SESSIONS for line in command_lines(CHECKOUT / s.page)}
     assert typed >= TYPED
