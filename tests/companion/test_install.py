@@ -1,4 +1,4 @@
-"""`companion install` and `uninstall` in the image of a system, and systemd's check of the unit.
+"""`companion install` and `uninstall` in the image of a system.
 
 The same on a running systemd is in tests/system."""
 
@@ -18,7 +18,6 @@ from pathlib import Path
 import pytest
 
 import companion.install.install as install
-import companion.install.interpreter as interpreters
 import companion.install.steps as steps
 from companion.cli import main
 from companion.install.steps import (
@@ -28,11 +27,9 @@ from companion.install.steps import (
     run_command,
     start_command,
 )
-from companion.packaged import packaged_file
 
 CHECKOUT = Path(__file__).resolve().parents[2]
 OAK = str(CHECKOUT / "configs" / "oak.toml")
-MOST_EXPOSURE = 2.5
 
 
 def needs(*tools: str) -> pytest.MarkDecorator:
@@ -142,7 +139,7 @@ def test_a_dry_run_prints_the_plan_and_changes_nothing(image: Path, capsys: pyte
     assert any("warm" in line or "compile" in line for line in lines_of(capsys, "would"))
 
 
-# ---- refused, with a word -----------------------------------------------------------------------------------------
+# ---- refused -----------------------------------------------------------------------------------------
 
 
 def test_refused_without_root(image: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
@@ -357,55 +354,6 @@ def test_sizes_are_those_of_all_files_below(tmp_path: Path) -> None:
     assert folder_size_mb(tmp_path) == 1.5
 
 
-# ---- checks of the unit by systemd -------------------------------------------------------------------------------
-
-
-@pytest.fixture
-def unit(tmp_path: Path) -> Path:
-    """The unit as it is installed, with a command that every machine has."""
-    text = packaged_file("systemd", "osape-companion.service").read_text()
-    file = tmp_path / "osape-companion.service"
-    file.write_text(text.replace("@COMPANION@", "/bin/true").replace("@DOCS@", "/etc/hostname"))
-    return file
-
-
-@needs("systemd-analyze")
-def test_the_unit_is_clean(unit: Path) -> None:
-    done = subprocess.run(["systemd-analyze", "verify", str(unit)], capture_output=True, text=True, check=False)
-    words = [line for line in done.stderr.splitlines() if unit.name in line]  # other units have their own defects
-    assert words == []
-    assert done.returncode == 0
-
-
-@needs("systemd-analyze")
-def test_the_unit_exposes_little(unit: Path) -> None:
-    done = subprocess.run(
-        ["systemd-analyze", "security", "--offline=true", str(unit)], capture_output=True, text=True, check=False
-    )
-    found = re.search(r"Overall exposure level for \S+: (\d+\.\d+)", done.stdout)
-    assert found is not None, done.stderr
-    assert float(found[1]) <= MOST_EXPOSURE
-
-
-def test_the_unit_never_gives_up_and_is_watched(unit: Path) -> None:
-    lines = unit.read_text().splitlines()
-    for line in ("Type=notify", "Restart=always", "StartLimitIntervalSec=0", "WatchdogSec=2s", "User=osape-companion"):
-        assert line in lines
-
-
-RULE = re.compile(r'^[A-Z_]+(\{[\w./]+\})?\s*(==|!=|\+=|=)\s*"[^"]*"$')
-
-
-def test_each_rule_is_one_that_udev_can_read() -> None:
-    rules = packaged_file("systemd", "60-osape-companion.rules").read_text().splitlines()
-    lines_of = [line for line in rules if line and not line.startswith("#")]
-    for line in lines_of:
-        for part in re.split(r",\s*(?=[A-Z])", line):
-            assert RULE.match(part), part
-    devices = [line for line in lines_of if 'GROUP="osape-companion"' in line]
-    assert {v for line in devices for v in re.findall(r'idVendor\}=="(\w+)"', line)} == {"03e7", "2b03"}
-
-
 def test_a_dry_run_shows_the_whole_plan_and_what_is_missing(
     image: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -449,74 +397,3 @@ def test_the_command_that_starts_the_service_fits_to_the_package(tmp_path: Path)
     assert start_command(paths, Path("my.toml")) == (
         f"sudo cp my.toml {paths.config} && sudo systemctl enable --now osape-companion"
     )
-
-
-def interpreter(folder: Path, name: str, status: int = 0) -> Path:
-    folder.mkdir(parents=True, exist_ok=True)
-    (folder / name).write_text(f"#!/bin/sh\nexit {status}\n")
-    (folder / name).chmod(0o755)
-    return folder / name
-
-
-def test_the_named_interpreter_is_none_of_a_home_directory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """An environment made with one of those links to it, and the next installation would be refused again."""
-    own, good = tmp_path / "home" / "pyenv", tmp_path / "usr"
-    monkeypatch.setattr(interpreters, "HIDDEN", (tmp_path / "home",))
-    interpreter(own, "python3.13")
-    interpreter(good, "python3.12", status=1)  # has no venv
-    interpreter(good, "python3")
-    links = tmp_path / "links"
-    links.mkdir()
-    (links / "python3.11").symlink_to(own / "python3.13")
-    assert interpreters.system_python(f"{own}:{links}:{good}") == str(good / "python3")
-    assert interpreters.system_python(f"{own}:{links}") is None
-    monkeypatch.setattr(interpreters, "PLACES", str(tmp_path / "none"))
-    monkeypatch.setattr(interpreters, "system_python", lambda: None)
-    assert "apt install python3 python3-venv" in interpreters.remedy()
-
-
-@pytest.fixture
-def installed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A folder of packages, as of an installation that is not editable, and an interpreter of the system."""
-    monkeypatch.setattr(interpreters, "system_python", lambda: "/usr/bin/python3")
-    monkeypatch.setattr(interpreters, "ROOT", tmp_path)
-    monkeypatch.syspath_prepend(tmp_path)
-    return tmp_path
-
-
-def record_origins(folder: Path, **urls: str) -> None:
-    """Records from where pip has installed distributions, as in PEP 610."""
-    for name, url in urls.items():
-        info = folder / f"{name}-0.1.0.dist-info"
-        info.mkdir()
-        (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: 0.1.0\n")
-        if url:
-            (info / "direct_url.json").write_text(json.dumps({"url": url}))
-
-
-@pytest.mark.parametrize("editable", [True, False])
-def test_the_remedy_names_the_checkout_of_an_installation(installed: Path, editable: bool) -> None:
-    """It named wheels, which there were none of, where pip had copied the packages of a checkout."""
-    place = installed if editable else installed / "my checkout"
-    place.mkdir(exist_ok=True)
-    (place / "requirements.lock").write_text("")
-    record_origins(installed, osape_client=f"{place.as_uri()}/clients/python", osape_companion=place.as_uri())
-    text = interpreters.remedy()
-    assert "sudo /usr/bin/python3 -m venv /opt/osape-companion" in text
-    assert f"-r {shlex.quote(str(place / 'requirements.lock'))} " in text
-    assert f" {shlex.quote(str(place / 'clients/python'))} {shlex.quote(str(place))} " in text
-    assert ".whl" not in text
-
-
-def test_the_remedy_names_the_wheels_of_an_installation(installed: Path) -> None:
-    wheels = [installed / f"{name}-0.1.0-py3-none-any.whl" for name in ("osape_client", "osape_companion")]
-    record_origins(installed, osape_client=wheels[0].as_uri(), osape_companion=wheels[1].as_uri())
-    assert "osape_companion-*.whl" in interpreters.remedy(), "the files are gone"
-    for wheel in wheels:
-        wheel.write_text("")
-    assert f"pip install {wheels[0]} {wheels[1]} " in interpreters.remedy()
-
-
-def test_the_remedy_names_no_place_where_none_is_recorded(installed: Path) -> None:
-    record_origins(installed, osape_client="", osape_companion="")
-    assert "osape_client-*.whl osape_companion-*.whl (the wheels of the version" in interpreters.remedy()
