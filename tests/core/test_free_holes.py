@@ -11,7 +11,7 @@ from core.stages.free_cells import unknown_of_blocks
 from core.stages.free_holes import add_sides, find_holes, holds_hole, join_holes, side_index
 from core.types import FreeProfile
 
-from . import naive
+from . import naive_free
 from .columns import F, code, view
 from .test_free_space import THICK, compiled, profile
 
@@ -40,7 +40,7 @@ def test_holes_are_the_squares_of_unknown_cells(seed: int) -> None:
     codes = random_holes(rng, int(rng.integers(1, 50)), int(rng.integers(1, 50)))
     holes = find_holes(unknown_of_blocks(codes))
     for k in range(4):
-        np.testing.assert_array_equal((holes >> k) & 1 != 0, naive.holes(codes == 0, 4 << k))
+        np.testing.assert_array_equal((holes >> k) & 1 != 0, naive_free.holes(codes == 0, 4 << k))
 
 
 @given(SEED)
@@ -49,7 +49,7 @@ def test_holes_of_a_direction_and_those_beside_it(seed: int) -> None:
     rows = int(rng.choice([33, 34, 35, 36]))
     codes = random_holes(rng, 12, rows)
     found = rng.integers(0, 16, (12, 9)).astype(np.uint8) * (rng.random((12, 9)) < 0.1).astype(np.uint8)
-    reached = [naive.rows_of_holes((found >> k) & 1 != 0, codes == 0) for k in range(4)]
+    reached = [naive_free.rows_of_holes((found >> k) & 1 != 0, codes == 0) for k in range(4)]
     u0 = int(rng.integers(0, 11))
     u1 = int(rng.integers(u0 + 1, 13))
     own, beside = np.full(rows, 7, np.uint8), np.full(rows, 7, np.uint8)
@@ -186,7 +186,7 @@ def test_sides_of_holes_against_each_block(seed: int) -> None:
     found = find_holes(unknown)
     add_sides(unknown, found)
     for k in range(4):
-        wanted = naive.with_sides(naive.holes(codes == 0, 4 << k), codes == 0)
+        wanted = naive_free.with_sides(naive_free.holes(codes == 0, 4 << k), codes == 0)
         np.testing.assert_array_equal((found >> k) & 1 != 0, wanted)
 
 

@@ -20,7 +20,7 @@ from core.stages.ground import NO_GROUND
 from core.stages.view_geometry import SOURCE, ViewGeometry
 from core.types import FreeEnd, FreeProfile, Ground
 
-from . import naive
+from . import naive_free
 from .columns import QUANTUM, F, code, view
 from .tables import plane_table
 from .views import VIEW, extract, flat_wall, free_to, level
@@ -117,7 +117,7 @@ def test_counting_and_walking_against_every_cell(seed: int) -> None:
         # the outermost directions take what lies beyond their edges
         overlaps = ((column_t[1:] > edges_t[d]) & (column_t[:-1] < edges_t[d + 1])) | (direction == d)
         for layer in range(3):
-            from_m, to_m, why = naive.free_walk(
+            from_m, to_m, why = naive_free.free_walk(
                 codes, weight, inside, direction, d, overlaps, layers[layer], layers[layer + 1], ring_m, 44.5, F, block, 0.8,
                 lambda cells, x, zs=layers[layer : layer + 2]: sees_through(cells, x, depth(x, edges_t, zs) / x),
                 lambda x, t=0.5 * (edges_t[d] + edges_t[d + 1]): geometry.lowest_clear(t, x, w),
