@@ -221,6 +221,7 @@ def test_a_free_range_begins_up_to_half_a_step_before_its_first_ring(rows: int, 
     np.testing.assert_allclose(begins_at(np.full((160, rows), 1, np.uint16)), begin_m, rtol=1e-5)
 
 
+@pytest.mark.compiled  # where a range begins: the test of half a step above
 def test_one_free_ring_alone_gives_no_range() -> None:
     """A wall between the ring at 1.75 m and the next one at 2 m."""
     f = profile(np.full((160, 130), code(1.9)[0]), view(rows=130, cols=160))
@@ -229,6 +230,7 @@ def test_one_free_ring_alone_gives_no_range() -> None:
     np.testing.assert_allclose(begins_at(np.full((160, 130), code(2.1)[0])), 1.625, rtol=1e-5)
 
 
+@pytest.mark.compiled  # where a range begins: the test of half a step above
 def test_a_ring_in_view_that_is_not_free_is_not_halved() -> None:
     """A fifth of the cells at 1.5 m are unknown, and a little less at 1.625 m: something may be there."""
     codes = np.full((160, 134), 1, np.uint16)
@@ -237,12 +239,14 @@ def test_a_ring_in_view_that_is_not_free_is_not_halved() -> None:
     np.testing.assert_allclose(begins_at(codes), 1.75, rtol=1e-5)
 
 
+@pytest.mark.compiled  # where a range begins: the test of half a step above
 def test_what_is_not_seen_through_at_the_middle_before_the_first_ring_is_not_free() -> None:
     codes = np.full((160, 130), 1, np.uint16)
     codes[:, :16] = codes[:, -16:] = code(1.2)[0]  # a quarter of the rows at the middle, less than a fifth at the ring
     np.testing.assert_allclose(begins_at(codes), 1.75, rtol=1e-5)
 
 
+@pytest.mark.compiled  # where a range begins: the test of half a step above
 def test_a_column_that_is_unknown_at_the_middle_before_the_first_ring_is_not_free() -> None:
     """17 of the 32 blocks of rows at the middle, 15 of the 30 at the ring."""
     codes = np.full((160, 130), 1, np.uint16)

@@ -166,7 +166,8 @@ def test_what_stands_beside_a_column_limits_it() -> None:
     assert clear(model_of(depth)) < clear(model_of(depth, neighbours=False))
 
 
-@pytest.mark.parametrize("first_px", [96, *(pytest.param(px, marks=pytest.mark.compiled) for px in (104, 120))])
+@pytest.mark.compiled  # the whole extractor: test_the_sky_over_a_field_is_open, its blocks tests/core/test_open_blocks.py
+@pytest.mark.parametrize("first_px", [96, 104, 120])
 @pytest.mark.nojit
 def test_a_column_beside_one_without_evidence_and_measurement_is_not_open(first_px: int) -> None:
     """A blank thing from the upper to the lower border. The direction beside it holds no column of the thing, and one to three

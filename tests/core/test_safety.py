@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
+import numba
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -206,7 +207,12 @@ def sound(model: FrameModel, info: CameraInfo) -> None:
     assert (f.end <= int(FreeEnd.MAX_RANGE)).all()
 
 
+FEW = settings(max_examples=3) if numba.config.DISABLE_JIT else settings()
+"""Without the JIT an extraction takes seconds; with bounds checks all examples are run."""
+
+
 @pytest.mark.nojit
+@FEW
 @given(
     seed=st.integers(0, 2**32 - 1),
     kind=st.sampled_from(["any", "mm", "blocks", "rows", "sparse"]),

@@ -135,7 +135,7 @@ def test_the_near_sides_of_leaves_stay() -> None:
     assert dropped(measure(depth_m, INFO, SHARP, 1))[0].mean() < 0.01
 
 
-@pytest.mark.parametrize("height_m", [0.1, 0.3, 0.6, 2.0])
+@pytest.mark.parametrize("height_m", [0.1, compiled(0.3), compiled(0.6), 2.0])
 def test_the_ground_stays_below_a_low_camera(height_m: float) -> None:
     """Close above it the ground is as steep as a ramp."""
     down = np.maximum((np.arange(120) - 59.5) / 112.5, 1e-3)
@@ -145,7 +145,7 @@ def test_the_ground_stays_below_a_low_camera(height_m: float) -> None:
     assert gone[62:].mean() < 0.002
 
 
-@pytest.mark.parametrize("below_m", [0.3, 0.6, -0.5])
+@pytest.mark.parametrize("below_m", [0.3, compiled(0.6), compiled(-0.5)])
 def test_the_tops_of_things_stay(below_m: float) -> None:
     """A horizontal surface close below or above the camera, without a ground, between a front at 3 m and a wall at 9 m."""
     down = (np.arange(120) - 59.5) / 112.5
@@ -185,6 +185,7 @@ def test_a_few_sharp_frames_do_not_turn_the_verdict_and_many_do() -> None:
     assert not verdicts[-1]
 
 
+@pytest.mark.compiled  # the whole extractor with ramps: test_thin_things_before_a_wall_stay_in_the_model
 def test_the_extractor_drops_ramps_of_a_camera_that_smears_and_reports_them() -> None:
     extractor = Extractor(P)
     smeared, _ = extractor.extract(measure(stripes(), INFO, SMEARED, 1), INFO, R_CAMFRD_OPTICAL, JUDGED)
@@ -198,7 +199,7 @@ def test_the_extractor_drops_ramps_of_a_camera_that_smears_and_reports_them() ->
     assert sharp.stats.smeared_px == 0 == never.stats.smeared_px
 
 
-@pytest.mark.compiled  # the whole extractor with ramps: the test above
+@pytest.mark.compiled
 def test_the_free_range_ends_no_later_than_with_the_near_wall_in_place_of_the_ramps() -> None:
     depth = measure(stripes(), INFO, SMEARED, 1)
     gone, _ = dropped(depth)

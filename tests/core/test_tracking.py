@@ -298,7 +298,7 @@ def test_more_planes_than_slots_are_counted() -> None:
     assert tracker.counts["detections_left_out"] == 6
 
 
-@pytest.mark.parametrize("at", [5, 12, 17])
+@pytest.mark.parametrize("at", [5, *(pytest.param(at, marks=pytest.mark.compiled) for at in (12, 17))])
 def test_a_tracker_resumed_from_its_state_continues_bit_for_bit(at: int) -> None:
     def frames() -> list[TrackingFrame]:
         rng = np.random.default_rng(7)

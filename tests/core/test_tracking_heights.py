@@ -62,8 +62,14 @@ def frame(walls: list[list[float]], k: int, z: float = 0.0, pitch_deg: float = 0
 @pytest.mark.parametrize("behind", [[], [BACK]], ids=["nothing behind", "a wall behind"])
 @pytest.mark.parametrize(
     ("z", "pitch_deg"),
-    [(-3.2, 0.0), (3.2, 0.0), (-8.0, 0.0), (8.0, 0.0), (0.0, 45.0), (0.0, -45.0)],
-    ids=["climb", "descent", "beyond the layers", "under the layers", "pitched up", "pitched down"],
+    [
+        pytest.param(-3.2, 0.0, id="climb"),
+        pytest.param(3.2, 0.0, id="descent", marks=COMPILED),
+        pytest.param(-8.0, 0.0, id="beyond the layers", marks=COMPILED),
+        pytest.param(8.0, 0.0, id="under the layers", marks=COMPILED),
+        pytest.param(0.0, 45.0, id="pitched up", marks=COMPILED),
+        pytest.param(0.0, -45.0, id="pitched down"),
+    ],
 )
 @pytest.mark.parametrize("frames", [2, pytest.param(5, marks=COMPILED), pytest.param(20, marks=COMPILED)])
 def test_what_is_above_or_below_the_image_is_kept_for_the_whole_memory(frames, z, pitch_deg, behind):

@@ -16,6 +16,7 @@ from .tracked import SMALL, frame, without_position
 from .worlds import wall
 
 pytestmark = pytest.mark.nojit
+COMPILED = pytest.mark.compiled
 Floats = NDArray[np.float32]
 SIGMA_M, MARGIN_M = 0.6, 1.2
 """Of the ends of a fragment along the viewing ray; 95 % lie within the margin."""
@@ -94,7 +95,7 @@ def assert_all_hidden(f: TrackingFrame, s: TrackSnapshot, *wires: list[float]) -
                     assert min(at - float(s.margin_m[n]) for at, n in found) <= far - margin_m + 0.02, (x, y, z)
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("seed", [1, pytest.param(2, marks=COMPILED), pytest.param(3, marks=COMPILED)])
 def test_the_fragments_of_a_wire_become_at_most_three_tracks(seed: int) -> None:
     tracker, rng = Tracker(SMALL), np.random.default_rng(seed)
     for k in range(15):
@@ -109,6 +110,7 @@ def test_the_fragments_of_a_wire_become_at_most_three_tracks(seed: int) -> None:
     assert s.sigma_m[longest] < 0.3
 
 
+@COMPILED
 def test_the_id_of_a_wire_lasts() -> None:
     tracker, rng, ids = Tracker(SMALL), np.random.default_rng(4), []
     for k in range(30):
@@ -140,6 +142,7 @@ def test_a_second_wire_that_the_noise_can_tell_apart_stays_a_second_track() -> N
     assert stop_m(s.planes, math.atan2(3.0, 12.0), -0.5 / 12.0) == pytest.approx(math.hypot(3.0, 12.0), abs=0.2)
 
 
+@COMPILED
 def test_a_gap_that_is_seen_through_is_not_bridged() -> None:
     tracker, rng = Tracker(SMALL), np.random.default_rng(7)
     parts = [wall(12.0, -7.0, 12.0, -1.0, -0.55, -0.45), wall(12.0, 1.0, 12.0, 7.0, -0.55, -0.45)]
@@ -173,6 +176,7 @@ def test_a_wire_that_is_hidden_is_kept() -> None:
     assert stop_m(s.planes[s.planes[:, 0] > 6.0], 0.0, -0.5 / 12.0) < 14.0
 
 
+@COMPILED
 def test_fragments_one_above_the_other_stay_apart() -> None:
     """Two wires, one below the other: what lies between them is open."""
     tracker, rng = Tracker(SMALL), np.random.default_rng(10)
@@ -185,7 +189,7 @@ def test_fragments_one_above_the_other_stay_apart() -> None:
     assert len(s.ids) <= 6
 
 
-@pytest.mark.parametrize("slope", [0.3, -0.6])
+@pytest.mark.parametrize("slope", [0.3, pytest.param(-0.6, marks=COMPILED)])
 def test_a_wire_at_an_angle_to_the_view_is_followed_from_a_moving_camera(slope: float) -> None:
     tracker, rng = Tracker(SMALL), np.random.default_rng(11)
     wire = wall(12.0 - 6.0 * slope, -6.0, 12.0 + 6.0 * slope, 6.0, -0.55, -0.45)
@@ -204,6 +208,7 @@ def test_a_wire_at_an_angle_to_the_view_is_followed_from_a_moving_camera(slope: 
     assert math.hypot(bx - ax, by - ay) > 10.0
 
 
+@COMPILED
 def test_without_a_position_fragments_are_not_joined() -> None:
     """Those of several frames lie apart by the error of the estimated motion: the plane would be moved by metres."""
     tracker, rng = Tracker(SMALL), np.random.default_rng(12)

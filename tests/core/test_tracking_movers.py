@@ -71,6 +71,7 @@ def test_a_mover_that_stops_is_static_again() -> None:
     assert s.objects == ()
 
 
+@pytest.mark.compiled  # sixty frames each; without the JIT: test_flicker_is_no_motion
 @pytest.mark.parametrize("seed", [1, 2])
 def test_static_obstacles_do_not_move_under_pose_errors(seed: int) -> None:
     """Drift of 1 % of the way, a yaw error that swings by 1 degree, vibration of 0.03 m."""
@@ -255,7 +256,9 @@ def test_the_box_of_a_mover_contains_its_planes_at_once() -> None:
     assert z + hz >= 1.0 - 1e-6
 
 
-@pytest.mark.parametrize(("vx", "vy"), [(0.0, 4.0), (-2.0, 0.0), (0.0, 1.5)])
+@pytest.mark.parametrize(
+    ("vx", "vy"), [(0.0, 4.0), *(pytest.param(*v, marks=pytest.mark.compiled) for v in ((-2.0, 0.0), (0.0, 1.5)))]
+)
 def test_a_mover_that_stops_suddenly_is_not_published_beside_its_place(vx: float, vy: float) -> None:
     tracker, stop = Tracker(SMALL), 1.5
     for k in range(32):
