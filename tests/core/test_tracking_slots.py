@@ -83,6 +83,7 @@ def test_a_track_that_is_split_in_a_full_table_loses_only_its_gap(observed: bool
     assert np.abs(parts["s0_m"]).max() == np.abs(parts["s1_m"]).max() == 1.5
 
 
+@pytest.mark.compiled  # a full table without the JIT: the test below
 def test_what_removed_a_cell_is_no_evidence_against_its_next_observation() -> None:
     """The middle of a wall is removed while the full table keeps the wall whole; a frame then observes the wall again."""
     tracker, whole = Tracker(TrackingParams(most_tracks=64)), wall(9.0, -4.0, 9.0, 4.0)
