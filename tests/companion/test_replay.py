@@ -1,4 +1,4 @@
-"""`companion replay` on small flights: the same bytes, the check, what goes wrong."""
+"""`companion replay` on small flights: the same bytes, the check, errors."""
 
 from __future__ import annotations
 
@@ -22,12 +22,10 @@ from companion.pipeline.configured import make_pipeline
 from companion.pipeline.encode import prisms_message, wire_bytes
 from companion.pipeline.state import PipelineState
 from companion.pipeline.state_messages import state_from_message
-from companion.replay.compare import WAITING, Comparison, first_difference
 from companion.replay.replay import Options, replay
 from companion.replay.replay_report import replay_problems, report
 from companion.self_check.exposure_offset import ExposureOffset, OffsetState
-from core.types import AttitudeSample, CameraInfo, DepthFrame, Intrinsics, PoseSample
-from drivers.logs.codec import attitude_message, camera_message, depth_message
+from core.types import AttitudeSample, CameraInfo, DepthFrame, Intrinsics
 from drivers.logs.reader import McapRecording
 from drivers.logs.topics import TOPICS
 from drivers.simulation.flight import SimulatedFlight
@@ -269,7 +267,7 @@ def test_a_configuration_moves_the_camera(folder, replayed, tmp_path):
     assert main(["replay", str(out), "--check"]) == 0
 
 
-# ---- what goes wrong --------------------------------------------------------------------------------------------
+# ---- errors -----------------------------------------------------------------------------------------------------
 
 
 def test_attitude_missing_for_part_of_the_flight(tmp_path, capsys):
@@ -364,66 +362,6 @@ def test_a_log_without_images_is_a_failure(tmp_path, capsys):
     assert "no depth image" in capsys.readouterr().err
 
 
-# ---- the comparison ---------------------------------------------------------------------------------------------
-
-
-def message(**fields) -> pb.PrismsFrame:
-    return pb.PrismsFrame(camera="c", sequence=1, t_exposure_ns=2, **fields)
-
-
-@pytest.mark.parametrize(
-    ("a", "b", "expected"),
-    [
-        ({"ke_per_m": 1.0}, {"ke_per_m": 1.0}, None),
-        ({"ke_per_m": float("nan")}, {"ke_per_m": float("nan")}, None),
-        ({"ke_per_m": 0.0}, {"ke_per_m": -0.0}, ("ke_per_m", "0.0", "-0.0")),
-        ({"frame": "ned"}, {"frame": "level"}, ("frame", "'ned'", "'level'")),
-        ({"ground": pb.Ground(seen=True)}, {}, ("ground", "present", "absent")),
-        ({}, {"stats": pb.FrameStats()}, ("stats", "absent", "present")),
-        ({"prisms": [pb.Prism()]}, {"prisms": []}, ("prisms (length)", "1", "0")),
-        ({"prisms": [pb.Prism(plane=[1])]}, {"prisms": [pb.Prism(plane=[2])]}, ("prisms[0].plane[0]", "1", "2")),
-    ],
-)
-def test_the_first_difference_is_named(a, b, expected):
-    assert first_difference(message(**a), message(**b)) == expected
-
-
-def test_pairs_come_in_any_order():
-    comparison = Comparison()
-    for sequence in (1, 2, 3):
-        comparison.computed(pb.PrismsFrame(camera="c", sequence=sequence))
-    for sequence in (3, 1, 4):
-        comparison.logged(pb.PrismsFrame(camera="c", sequence=sequence))
-    assert (comparison.compared, comparison.different, comparison.passed) == (2, 0, True)
-    assert comparison.only_computed == comparison.gaps == (("c", 2, 0),)
-    assert comparison.only_logged == (("c", 4, 0),)
-
-
-def test_what_is_missing_at_the_end_of_a_camera_is_no_gap():
-    comparison = Comparison()
-    for camera, sequence in (("a", 1), ("b", 1), ("a", 2), ("b", 2), ("c", 1)):
-        comparison.computed(pb.PrismsFrame(camera=camera, sequence=sequence, t_exposure_ns=sequence))
-    for camera, sequence in (("a", 1), ("b", 2)):
-        comparison.logged(pb.PrismsFrame(camera=camera, sequence=sequence, t_exposure_ns=sequence))
-    assert comparison.only_computed == (("b", 1, 1), ("a", 2, 2), ("c", 1, 1))
-    assert comparison.gaps == (("b", 1, 1), ("c", 1, 1))
-
-
-def test_a_check_without_counterparts_keeps_a_bounded_number_of_messages():
-    """Of a log without depth images it kept all results: 2 GB for an hour of flight."""
-    comparison = Comparison()
-    for sequence in range(3 * WAITING):
-        comparison.logged(pb.PrismsFrame(camera="a", sequence=sequence, t_exposure_ns=sequence))
-        comparison.computed(pb.PrismsFrame(camera="b", sequence=sequence, t_exposure_ns=sequence))
-    assert len(comparison._logged) == len(comparison._computed) == WAITING
-    assert comparison.only_logged == tuple(("a", k, k) for k in range(3 * WAITING))
-    assert comparison.only_computed == tuple(("b", k, k) for k in range(3 * WAITING))
-    comparison.logged(pb.PrismsFrame(camera="b", sequence=0, t_exposure_ns=0))  # later than any log has it
-    assert comparison.compared == 0
-    assert ("b", 0, 0) in comparison.only_logged
-    assert ("b", 0, 0) in comparison.gaps
-
-
 def test_problems_of_an_empty_run_are_reported(recorded):
     result = replay(recorded, Options())
     assert replay_problems(result) == []
@@ -499,101 +437,3 @@ def test_the_offset_to_add_is_named_where_the_configured_one_is_unknown(tmp_path
         )
         (offset,) = report(result, log, None, [])["exposure_offsets"]
         assert remedy in offset["warning"]
-
-
-def test_a_state_that_cannot_be_used_is_reported_with_the_file(tmp_path, capsys):
-    path = tmp_path / "odd.mcap"
-    sample = pb.AttitudeSample(t_ns=1, t_arrival_ns=1, q_ned_frd=pb.Quaternion(w=3.0))
-    with LogWriter(path) as log:
-        log.write("camera_info", camera_message(SMALL), 0, camera="front")
-        log.write("state", pb.StateSnapshot(attitudes=[sample]), 0)
-        for event in SimulatedFlight("demo", cameras=(SMALL,), duration_s=0.2).events():
-            log.event(event)
-    assert main(["replay", str(path)]) == 1
-    output = capsys.readouterr().err
-    assert "odd.mcap: /state: attitude at 1 ns: quaternion norm 3" in output
-    assert "Use another copy" in output
-
-
-@pytest.mark.parametrize("odd", ["stamp of an image", "arrival of an attitude", "arrival of an image"])
-def test_a_stamp_beyond_every_clock_costs_its_own_message_only(odd, tmp_path, capsys):
-    path, out = tmp_path / "odd.mcap", tmp_path / "out.mcap"
-    number = 0
-    with LogWriter(path) as log:
-        log.begin(run_info("simulated"), (SMALL,))
-        for event in SimulatedFlight("demo", cameras=(SMALL,), duration_s=0.5).events():
-            message = depth_message(event) if isinstance(event, DepthFrame) else None
-            number += message is not None
-            if message is not None and number == 2 and odd == "stamp of an image":
-                message.timestamp.seconds = 1 << 62
-                log.write("depth", message, event.t_arrival_ns, "front", 1)
-            elif message is not None and number == 2 and odd == "arrival of an image":
-                log.write("depth", message, (1 << 62) + 1, "front", 1)
-            elif number == 2 and isinstance(event, AttitudeSample) and odd == "arrival of an attitude":
-                number += 100
-                late = attitude_message(event)
-                late.t_arrival_ns = -5
-                log.write("attitude", late, event.t_arrival_ns)
-            else:
-                log.event(event)
-    assert main(["replay", str(path), "-o", str(out)]) == 1
-    assert "1 messages are invalid and were left out" in capsys.readouterr().err
-    assert len(prisms_of(out)) == (6 if odd == "arrival of an attitude" else 5)
-
-
-def test_an_image_of_another_size_in_a_log_is_published_as_blind(tmp_path, capsys):
-    path, out = tmp_path / "odd.mcap", tmp_path / "out.mcap"
-    number = 0
-    with LogWriter(path) as log:
-        log.begin(run_info("simulated"), (SMALL,))
-        for event in SimulatedFlight("demo", cameras=(SMALL,), duration_s=0.5).events():
-            if isinstance(event, DepthFrame):
-                number += 1
-                if number == 2:
-                    event = dataclasses.replace(event, depth_mm=np.full((20, 30), 5000, np.uint16))
-            log.event(event)
-    assert main(["replay", str(path), "-o", str(out)]) == 1
-    assert "an image among them is blind" in capsys.readouterr().err
-    valid = [message.valid for message in prisms_of(out)]
-    assert valid == [True, False] + [True] * (len(valid) - 2)
-    assert len(valid) == number
-
-
-def test_a_position_beyond_float32_publishes_in_level(tmp_path):
-    """In ned a wall there would be of infinite numbers, and valid."""
-    path, out = tmp_path / "far.mcap", tmp_path / "out.mcap"
-    events = [
-        dataclasses.replace(e, position_ned_m=(1e39, 0.0, 0.0)) if isinstance(e, PoseSample) else e
-        for e in SimulatedFlight("demo", cameras=(SMALL,), duration_s=0.2).events()
-    ]
-    write_recording(Events(events, (SMALL,)), path, run_info("simulated"))
-    assert main(["replay", str(path), "-o", str(out)]) == 0
-    prisms = prisms_of(out)
-    assert {p.frame for p in prisms} == {"level"}
-    assert all(np.isfinite(p.planes.corners_m).all() for p in prisms)
-
-
-def test_a_frame_that_comes_twice_is_not_called_blind(tmp_path, capsys):
-    events = list(SimulatedFlight("demo", cameras=(SMALL,), duration_s=0.2).events())
-    twice = next(i for i, e in enumerate(events) if isinstance(e, DepthFrame))
-    path = tmp_path / "twice.mcap"
-    write_recording(Events([*events[: twice + 1], *events[twice:]], (SMALL,)), path, run_info("simulated"))
-    assert main(["replay", str(path)]) == 1
-    output = capsys.readouterr().err
-    assert "1 of 4 frames were dropped and 0 of them are published as blind" in output
-    assert "check the camera's timestamps" in output
-    assert "attitude" not in output
-
-
-def test_a_mask_outside_of_the_image_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """As one that was drawn in a larger image: the service and the doctor named it, a replay did not."""
-    log = Path(__file__).parents[1] / "data" / "window.mcap"
-    with McapRecording(log) as recording:
-        (info,) = recording.cameras
-    (config := tmp_path / "masked.toml").write_text(
-        f'[[camera]]\nname = "{info.camera}"\nkind = "mcap"\nmasks = "9000,0 9900,60"\n'
-    )
-    assert main(["replay", str(log), "-c", str(config)]) == 0
-    assert f"companion: warning: camera {info.camera}: masks: no pixel of the image" in capsys.readouterr().err
-    assert main(["replay", str(log)]) == 0
-    assert "masks" not in capsys.readouterr().err
