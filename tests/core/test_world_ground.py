@@ -235,7 +235,13 @@ def test_balls_of_any_size_and_points_that_are_no_number() -> None:
 @pytest.mark.nojit
 @pytest.mark.parametrize(
     ("ground", "stays"),
-    [(None, False), (flat(2.8), False), (flat(1.5), True), (flat(2.3, noise_per_m=0.15), True), (flat(math.nan), True)],
+    [
+        (None, False),
+        pytest.param(flat(2.8), False, marks=pytest.mark.compiled),
+        (flat(1.5), True),
+        pytest.param(flat(2.3, noise_per_m=0.15), True, marks=pytest.mark.compiled),
+        pytest.param(flat(math.nan), True, marks=pytest.mark.compiled),
+    ],
     ids=["no ground", "ground below it", "below the ground", "within the noise of the ground", "no number"],
 )
 def test_what_stands_below_the_ground_or_in_its_noise_is_not_seen_through(ground: Ground | None, stays: bool) -> None:
