@@ -13,7 +13,7 @@ NAMED = re.compile(
     r"(?<![\w/.-])(?<!\]\()((?:core|drivers|companion|clients|benchmarks|tests|docs|configs|systemd|examples)/[\w/.-]+\.(?:py|md|proto|toml))\b"
 )
 MADE_UP = {
-    "tests/companion/test_jit_cache.py",
+    "tests/companion/kernels/test_jit_cache.py",
     "tests/companion/test_kernel_manifest.py",
     "tests/test_named_files.py",
 }

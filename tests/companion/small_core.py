@@ -9,7 +9,7 @@ from pathlib import Path
 
 import companion.kernels.jit_cache as jit_cache
 from companion.kernels.jit_cache import VARIABLE
-from companion.kernels.source_state import KERNELS_OUTSIDE_CORE
+from companion.kernels.source_state import KERNELS_OUTSIDE_CORE, source_key
 
 CALLER = """
 from numba import njit
@@ -61,3 +61,32 @@ def python(code: str, cache: Path, **variables: str) -> str:
     )
     assert done.returncode == 0, done.stderr
     return done.stdout.strip()
+
+
+def state_of(root: Path, cache: Path) -> Path:
+    """The directory in a cache for the present state of the sources."""
+    return cache / f"kernels-{source_key(root)}"
+
+
+def run(root: Path, cache: Path) -> str:
+    """What the small core prints, with its kernels in a cache."""
+    return python(KEYED.format(root=str(root)) + RUN.format(root=str(root)), cache)
+
+
+def kernels(folder: Path) -> set[str]:
+    return {file.name.partition("-")[0] for file in folder.glob("*/*.nbi")}
+
+
+def compiled(cache: Path) -> set[Path]:
+    return set(cache.rglob("*.nbc"))
+
+
+def made(base: Path, *ages: int) -> list[Path]:
+    """Directories of old states, last used so many seconds ago."""
+    folders = [base / f"kernels-{age:016x}" for age in ages]
+    for folder, age in zip(folders, ages, strict=True):
+        (folder / "core").mkdir(parents=True)
+        (folder / "core" / "kernel.nbi").write_text("")
+        (folder / "in-use").write_text("")
+        os.utime(folder, (1_000_000_000 - age, 1_000_000_000 - age))
+    return folders
