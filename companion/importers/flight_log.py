@@ -7,10 +7,10 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from core.frames import quaternion_from_euler
-from core.types import MAX_RATE_RAD_S, MAX_SPEED_M_S, AttitudeSample, PoseSample
+from core.types import MAX_SPEED_M_S, AttitudeSample, PoseSample
 from drivers.base import BadData
 from drivers.mavlink.dataflash import read_dataflash
-from drivers.mavlink.motion import MAX_ANGLE_RAD, within
+from drivers.mavlink.motion import MAX_ANGLE_RAD, measured_rates, within
 from drivers.mavlink.tlog import Timed, Tlog, TlogAttitude, TlogPose, VehicleLog, read_tlog, vehicle_log
 from drivers.mavlink.ulog import read_ulog
 
@@ -127,7 +127,7 @@ def _attitude(a: TlogAttitude, epoch_us: int) -> AttitudeSample | None:
         return None
     w, x, y, z = (c / norm for c in q)
     stamps = _stamps(a.t_us, a.stamp_us, epoch_us)
-    return AttitudeSample(*stamps, (w, x, y, z), within(a.rates_rad_s, MAX_RATE_RAD_S))
+    return AttitudeSample(*stamps, (w, x, y, z), measured_rates(a.rates_rad_s))
 
 
 def _pose(p: TlogPose, epoch_us: int) -> PoseSample | None:

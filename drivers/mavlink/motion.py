@@ -44,6 +44,10 @@ CONFIRMED_FOR_NS = NS
 """Time after a LOCAL_POSITION_NED for which ODOMETRY is used."""
 LOCAL_NED = 1
 """MAV_FRAME_LOCAL_NED. MAV_FRAME_LOCAL_FRD (20) points where the vehicle looked at the start, not north as the attitude."""
+OWN_ESTIMATORS = frozenset({0, 8})
+"""MAV_ESTIMATOR_TYPE_UNKNOWN, MAV_ESTIMATOR_TYPE_AUTOPILOT. With `MAV_ODOM_LP` PX4 returns the odometry of another computer in place of
+its own estimate (MAV_ESTIMATOR_TYPE_VISION): it has another origin, and a timestamp that depends on PX4's estimate of that
+computer's clock."""
 LOCAL_FRAMES = frozenset({LOCAL_NED, 20})
 """Frames of a velocity in ned: PX4 up to v1.13 calls ned MAV_FRAME_LOCAL_FRD there."""
 BODY_FRAMES = frozenset({8, 12})
@@ -132,7 +136,7 @@ class MotionDecoder:
         if _recent(self._quaternion_ns, arrival_ns):
             return None
         q = quaternion_from_euler(*angles)
-        return AttitudeSample(t_ns, arrival_ns, q, within(numbers[3:], MAX_RATE_RAD_S), self._stamp_error_ns())
+        return AttitudeSample(t_ns, arrival_ns, q, measured_rates(numbers[3:]), self._stamp_error_ns())
 
     def _attitude_quaternion(
         self, time_boot_ms: int, numbers: tuple[float, ...], arrival_ns: int
@@ -148,7 +152,7 @@ class MotionDecoder:
             return None
         self._quaternion_ns = arrival_ns
         q = (w / norm, x / norm, y / norm, z / norm)
-        return AttitudeSample(t_ns, arrival_ns, q, within(numbers[4:], MAX_RATE_RAD_S), self._stamp_error_ns())
+        return AttitudeSample(t_ns, arrival_ns, q, measured_rates(numbers[4:]), self._stamp_error_ns())
 
     def _local_position(self, time_boot_ms: int, numbers: tuple[float, ...], arrival_ns: int) -> PoseSample | None:
         position = within(numbers[:3], math.inf)
@@ -170,7 +174,7 @@ class MotionDecoder:
 
     def _odometry(self, m: Any, arrival_ns: int) -> PoseSample | None:
         position = (float(m.x), float(m.y), float(m.z))
-        if int(m.frame_id) != LOCAL_NED or int(m.quality) < 0:
+        if int(m.frame_id) != LOCAL_NED or int(m.quality) < 0 or int(m.estimator_type) not in OWN_ESTIMATORS:
             self.counts[LinkAnomaly.ODOMETRY_UNUSABLE] += 1
             return None
         if not _recent(self._local_ns, arrival_ns, CONFIRMED_FOR_NS):
@@ -218,6 +222,15 @@ def within(numbers: tuple[float, ...], most: float) -> tuple[float, float, float
     """Returns three numbers; None if one of them is not finite, or exceeds this limit."""
     x, y, z = numbers
     return (x, y, z) if all(map(math.isfinite, numbers)) and max(abs(x), abs(y), abs(z)) <= most else None
+
+
+def measured_rates(rates_rad_s: tuple[float, ...]) -> tuple[float, float, float] | None:
+    """Returns body rates; None if they are not finite, those of no vehicle, or zero about all axes.
+
+    A gyroscope has noise. Senders that do not fill in the rates send zeros, also in a turn (LibrePilot, UAVOMavlinkBridge.c). As
+    measured rates they would carry an attitude to an exposure as if the vehicle did not turn, and each turn would be a jump
+    of the heading."""
+    return within(rates_rad_s, MAX_RATE_RAD_S) if any(rates_rad_s) else None
 
 
 def _odometry_velocity(m: Any) -> tuple[float, float, float] | None:

@@ -93,6 +93,22 @@ def test_rates_and_velocities_that_nothing_flies_with_are_not_known(absurd: floa
     assert pose.velocity_ned_m_s is None
 
 
+@pytest.mark.parametrize("rates", [(0.0, 0.0, 0.0), (-0.0, 0.0, -0.0), (0.0, 0.0, 1e-6)])
+def test_rates_of_zero_about_all_axes_were_not_filled_in(rates: tuple[float, float, float]) -> None:
+    """Of an autopilot that sends no rates they carried attitudes to the exposure as if the vehicle did not turn."""
+    c = talk(PX4)
+    c.run(2.0)
+    boot_ms, mavlink = c.autopilots[0].boot_ns(c.now_ns) // MS, dialect.MAVLink(None, 1, 1)
+    messages = [
+        dialect.MAVLink_attitude_quaternion_message(boot_ms, 0.6, 0.8, 0.0, 0.0, *rates),
+        dialect.MAVLink_attitude_message(boot_ms + 600, 0.1, 0.2, 0.3, *rates),
+    ]
+    arrivals = (c.now_ns + MS, c.now_ns + 601 * MS)
+    samples = c.session.receive([(bytes(m.pack(mavlink)), t) for m, t in zip(messages, arrivals, strict=True)])
+    found = [s.rates_frd_rad_s for s in samples if isinstance(s, AttitudeSample)]
+    assert found == ([pytest.approx(rates)] * 2 if any(rates) else [None, None])
+
+
 def test_odometry_turns_its_velocity_into_ned_and_reports_jumps() -> None:
     c = talk(PX4, boot_at_ns=0)
     c.run(2.0)
@@ -113,12 +129,14 @@ def test_odometry_turns_its_velocity_into_ned_and_reports_jumps() -> None:
     assert c.session.receive([(bytes(odometry.pack(other)), c.now_ns + 2 * MS)]) == []
 
 
-def odometry_at(c: Conversation, frame_id: int = 1) -> bytes:
+def odometry_at(c: Conversation, frame_id: int = 1, estimator: int = 0) -> bytes:
     """An ODOMETRY of the autopilot, now, at 1, 2, -3 m."""
     boot_us = c.autopilots[0].boot_ns(c.now_ns) // 1000
     nan = [math.nan] * 21
     q = (1.0, 0.0, 0.0, 0.0)
-    message = dialect.MAVLink_odometry_message(boot_us, frame_id, 1, 1.0, 2.0, -3.0, q, 0, 0, 0, 0, 0, 0, nan, nan)
+    message = dialect.MAVLink_odometry_message(
+        boot_us, frame_id, 1, 1.0, 2.0, -3.0, q, 0, 0, 0, 0, 0, 0, nan, nan, estimator_type=estimator
+    )
     return bytes(message.pack(dialect.MAVLink(None, 1, 1)))
 
 
@@ -166,6 +184,15 @@ def test_odometry_in_axes_that_do_not_point_north_is_refused() -> None:
     c.run(2.0)
     assert c.session.receive([(odometry_at(c, frame_id=20), c.now_ns + MS)]) == []
     assert len(c.session.receive([(odometry_at(c), c.now_ns + MS)] * 2)) == 1
+
+
+@pytest.mark.parametrize(("estimator", "used"), [(0, True), (8, True), (2, False), (3, False), (6, False)])
+def test_odometry_of_another_computer_that_the_autopilot_returns_is_refused(estimator: int, used: bool) -> None:
+    """PX4 with MAV_ODOM_LP = 1 returns VISION_POSITION_ESTIMATE as ODOMETRY in ned: the origin is that of the other computer."""
+    c = talk(PX4, boot_at_ns=0)
+    c.run(2.0)
+    assert len(c.session.receive([(odometry_at(c, estimator=estimator), c.now_ns + MS)] * 2)) == used
+    assert ("odometry_unusable" in c.session.status(c.now_ns).counts) is not used
 
 
 @given(
