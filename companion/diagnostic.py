@@ -52,7 +52,7 @@ class DiagnosticCode(Code):
     SIGNING_FAULT = "signing_fault", "message signing does not work, or differs between the two ends"
     DUPLICATE_AUTOPILOT = (
         "duplicate_autopilot",
-        "contradictory heartbeats or timestamps: two senders use the autopilot's ids",
+        "contradictory heartbeats, timestamps or attitudes: two senders use the autopilot's ids",
     )
     SEVERAL_VEHICLES = "several_vehicles", "autopilots of several system ids are received and none is configured"
     DUPLICATE_OBSTACLE_SOURCE = "duplicate_obstacle_source", "another component sends obstacles to the autopilot"

@@ -98,18 +98,25 @@ class ConflictDetector:
         self._kind, self._contradiction_ns = "", None
         self._replaced = True
 
-    def texts(self, now_ns: int, configured: int, *, connected: bool, two_clocks: bool = False) -> dict[str, str]:
+    def texts(
+        self, now_ns: int, configured: int, *, connected: bool, two_clocks: bool = False, two_vehicles: bool = False
+    ) -> dict[str, str]:
         """Returns topic -> conflict, as text.
 
         configured: the only accepted system id, 0: any; connected: an autopilot is received; two_clocks: its timestamps
-        contradict each other."""
+        contradict each other; two_vehicles: a second vehicle sends with its ids, so that no attitude is used."""
         texts_by_topic: dict[str, str] = {}
+        if two_vehicles:
+            texts_by_topic["two autopilots"] = (
+                "two vehicles use the same ids: it is not known whose an attitude is, and none is used; give each vehicle another "
+                "system id"
+            )
         if _recent(self._contradiction_ns, now_ns):
             texts_by_topic["two autopilots"] = (
                 f"contradictory heartbeats: {self._contradicting}; a second sender uses the autopilot's ids; only what is "
                 "safe for both is sent; sign the link, or give each vehicle another system id"
             )
-        if two_clocks:
+        if two_clocks and not two_vehicles:
             texts_by_topic["two clocks"] = (
                 "contradictory autopilot timestamps: those that do not fit are not used; a second vehicle has the same ids, or "
                 "copies arrive late by another route; give each vehicle another system id, and forward the autopilot's "

@@ -6,13 +6,15 @@ from __future__ import annotations
 import math
 import struct
 from collections import Counter
+from collections.abc import Callable
 from typing import Any
 
 from core.frames import quaternion_from_euler, rotation_from_quaternion
 from core.types import MAX_RATE_RAD_S, MAX_SPEED_M_S, AttitudeSample, PoseSample
 
 from .anomalies import LinkAnomaly
-from .clock_sync import NS, UNKNOWN_DELAY_NS, ClockEstimate, ClockFilter
+from .clock_sync import NS, UNKNOWN_DELAY_NS, ClockEstimate, ClockFilter, ClockSource
+from .contradictory_attitude import ContradictoryAttitude, Quaternion
 from .parser import Frame
 from .repeated_attitude import RepeatedAttitude
 from .repeated_position import RepeatedPosition
@@ -60,10 +62,14 @@ class MotionDecoder:
     Of two kinds with the same content the better one is used: the quaternion (no gimbal lock), and ODOMETRY (it
     reports jumps of the estimate). PX4 sends ODOMETRY also while its position is not valid (EKF2::PublishOdometry), and
     LOCAL_POSITION_NED only while position and velocity are; ArduPilot likewise. ODOMETRY is therefore used only while
-    LOCAL_POSITION_NED arrives, and not much more often than it. counts: refused messages, by cause."""
+    LOCAL_POSITION_NED arrives, and not much more often than it. No sample is made while two vehicles send with the same ids.
+    counts: refused messages, by cause."""
 
-    def __init__(self, clock: ClockFilter) -> None:
+    def __init__(self, clock: ClockFilter, two_clocks_answer: Callable[[int], bool] = lambda now_ns: False) -> None:
+        """two_clocks_answer: returns whether requests of TIMESYNC are answered by two clocks, at a local instant."""
         self._clock = clock
+        self._two_clocks_answer = two_clocks_answer
+        self._contradictory = ContradictoryAttitude()
         self._quaternion_ns: int | None = None
         self._odometry_ns: int | None = None
         self._local_ns: int | None = None
@@ -105,6 +111,12 @@ class MotionDecoder:
             t_ns = arrival_ns
         return t_ns
 
+    def two_vehicles(self, now_ns: int) -> bool:
+        """Returns whether a second vehicle sends with the autopilot's ids: two clocks answer, or attitudes contradict each other,
+        or timestamps do while no answer shows which of them are the autopilot's."""
+        mixed = self._clock.estimate.source is not ClockSource.TIMESYNC and self._clock.mixed(now_ns)
+        return mixed or self._two_clocks_answer(now_ns) or self._contradictory.found(now_ns)
+
     def _stamp_error_ns(self) -> int:
         """Returns the greatest error of a stamp."""
         bound_ns = self._clock.estimate.bound_ns
@@ -129,14 +141,8 @@ class MotionDecoder:
         if angles is None:
             self.counts[LinkAnomaly.ATTITUDE_NON_FINITE] += 1
             return None
-        boot_ns = self._clock.boot_ns(time_boot_ms)
-        t_ns = self._stamp(boot_ns, HALF_MS, arrival_ns)
-        if t_ns is None or self._repeats_itself(ATTITUDE_ID, boot_ns, numbers, arrival_ns):
-            return None
-        if _recent(self._quaternion_ns, arrival_ns):
-            return None
-        q = quaternion_from_euler(*angles)
-        return AttitudeSample(t_ns, arrival_ns, q, measured_rates(numbers[3:]), self._stamp_error_ns())
+        sample = self._attitude_sample(ATTITUDE_ID, time_boot_ms, numbers, quaternion_from_euler(*angles), arrival_ns)
+        return None if _recent(self._quaternion_ns, arrival_ns) else sample
 
     def _attitude_quaternion(
         self, time_boot_ms: int, numbers: tuple[float, ...], arrival_ns: int
@@ -146,13 +152,24 @@ class MotionDecoder:
         if not abs(norm - 1.0) < 0.05:  # also NaN
             self.counts[LinkAnomaly.ATTITUDE_NON_FINITE] += 1
             return None
+        q = (w / norm, x / norm, y / norm, z / norm)
+        sample = self._attitude_sample(ATTITUDE_QUATERNION_ID, time_boot_ms, numbers, q, arrival_ns)
+        self._quaternion_ns = self._quaternion_ns if sample is None else arrival_ns
+        return sample
+
+    def _attitude_sample(
+        self, kind: int, time_boot_ms: int, numbers: tuple[float, ...], q: Quaternion, arrival_ns: int
+    ) -> AttitudeSample | None:
+        """Returns the sample of an attitude whose numbers are valid; None if it must not be used."""
         boot_ns = self._clock.boot_ns(time_boot_ms)
         t_ns = self._stamp(boot_ns, HALF_MS, arrival_ns)
-        if t_ns is None or self._repeats_itself(ATTITUDE_QUATERNION_ID, boot_ns, numbers, arrival_ns):
+        if t_ns is None or self._repeats_itself(kind, boot_ns, numbers, arrival_ns):
             return None
-        self._quaternion_ns = arrival_ns
-        q = (w / norm, x / norm, y / norm, z / norm)
-        return AttitudeSample(t_ns, arrival_ns, q, measured_rates(numbers[4:]), self._stamp_error_ns())
+        rates = measured_rates(numbers[-3:])
+        self._contradictory.take(boot_ns, arrival_ns, q, rates)
+        if self.two_vehicles(arrival_ns):
+            return None
+        return AttitudeSample(t_ns, arrival_ns, q, rates, self._stamp_error_ns())
 
     def _local_position(self, time_boot_ms: int, numbers: tuple[float, ...], arrival_ns: int) -> PoseSample | None:
         position = within(numbers[:3], math.inf)
@@ -161,7 +178,7 @@ class MotionDecoder:
             return None
         boot_ns = self._clock.boot_ns(time_boot_ms)
         t_ns = self._stamp(boot_ns, HALF_MS, arrival_ns)
-        if t_ns is None:
+        if t_ns is None or self.two_vehicles(arrival_ns):
             return None
         self._local_ns = arrival_ns
         self._locals_since += 1
@@ -188,7 +205,7 @@ class MotionDecoder:
             self.counts[LinkAnomaly.ODOMETRY_UNIX_TIME] += 1
             return None
         t_ns = self._stamp(boot_ns, 0, arrival_ns)
-        if t_ns is None:
+        if t_ns is None or self.two_vehicles(arrival_ns):
             return None
         slower, self._locals_since = self._locals_since > MOST_BETWEEN, 0
         if slower:

@@ -90,7 +90,7 @@ class MavlinkSession:
         self._on_frame, self._on_message, self._reads = on_frame, on_message, reads
         self._on_foreign, self._foreign_ids = on_foreign, foreign_ids
         self._timesync = TimeSync(self.clock)
-        self._motion = MotionDecoder(self.clock)
+        self._motion = MotionDecoder(self.clock, self._timesync.two_clocks_answer)
         self.rates = RateMonitor(self.params.rate_requests())
         self._splitters: OrderedDict[Source, MessageSplitter] = OrderedDict()
         self._splitter_counts: Counter[LinkAnomaly] = Counter()
@@ -388,6 +388,7 @@ class MavlinkSession:
                 self.params.system_id,
                 connected=self.connected(now_ns),
                 two_clocks=self.clock.mixed(now_ns),
+                two_vehicles=self._motion.two_vehicles(now_ns),
             ),
             signing_fault=self._signing.fault(now_ns, answered=answered),
             timesync_answered=self._timesync.synchronises(now_ns),

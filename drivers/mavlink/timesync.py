@@ -24,6 +24,10 @@ _FIELDS = struct.Struct("<qq")
 """tc1 and ts1 as in the payload: autopilots send ten requests per second themselves."""
 UNANSWERED_NS = 4 * NS
 """TIMESYNC counts as not answered after this time without an answer."""
+TWO_CLOCKS_NS = 10 * NS
+"""Two clocks answer, if they did within this time."""
+_ANSWERED, _TOLERANCE_NS = 64, 1_000_000
+"""Number of answered requests for which a second answer counts; largest rounding of the times of an answer."""
 AWAITED_NS = NS // 10
 """Time after a request for which reads are not deferred; a later answer gives little information."""
 
@@ -39,6 +43,8 @@ class TimeSync:
         self._waits_since_ns: int | None = None
         self._used_ns: int | None = None
         self._asked_ns = 0
+        self._answered: OrderedDict[int, int] = OrderedDict()  # stamp of the request -> time of the first answer
+        self._two_clocks_ns: int | None = None
         self.unpaired = 0
 
     def due(self, now_ns: int) -> list[Any]:
@@ -68,11 +74,21 @@ class TimeSync:
             return
         if ts1 not in self._pending:
             self.unpaired += 1
+            if abs(tc1 - self._answered.get(ts1, tc1)) > arrival_ns - ts1 + _TOLERANCE_NS:
+                self._two_clocks_ns = arrival_ns
             return
         del self._pending[ts1]
+        self._answered[ts1] = tc1
+        if len(self._answered) > _ANSWERED:
+            self._answered.popitem(last=False)
         self._waits_since_ns = arrival_ns
         if self._clock.exchange(ts1, tc1, arrival_ns):
             self._used_ns = arrival_ns
+
+    def two_clocks_answer(self, now_ns: int) -> bool:
+        """Returns whether two vehicles answer: the times of two answers to one request are further apart than the request and
+        the later answer. A request that reaches one autopilot by two routes has two answers, too, between these instants."""
+        return self._two_clocks_ns is not None and now_ns - self._two_clocks_ns < TWO_CLOCKS_NS
 
     def awaits(self, now_ns: int) -> bool:
         """True if the newest request was sent a moment ago and is not answered yet."""
@@ -90,5 +106,6 @@ class TimeSync:
     def restart(self) -> None:
         """Discards earlier requests: the autopilot has been replaced or has rebooted."""
         self._pending.clear()
+        self._answered.clear()
         self._next_ns = 0
         self._synchronised_ns = self._waits_since_ns = self._used_ns = None

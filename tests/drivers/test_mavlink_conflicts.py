@@ -149,9 +149,10 @@ def test_heartbeats_that_contradict_each_other_make_an_autopilot_of_no_known_kin
 
 @pytest.mark.parametrize("started_s", [-200, 20])
 def test_a_second_vehicle_with_the_same_ids_moves_no_clock_and_is_named(started_s: int) -> None:
-    """started_s: of its autopilot, after ours."""
+    """started_s: of its autopilot, after ours. It does not answer; two that answer: test_two_vehicles.py."""
     c = talk(PX4, boot_at_ns=50 * NS)
-    c.autopilots.append(SimulatedAutopilot(FirmwareProfile(kind=PX4, boot_at_ns=(50 + started_s) * NS)))
+    other = FirmwareProfile(kind=PX4, boot_at_ns=(50 + started_s) * NS, answers_timesync=False)
+    c.autopilots.append(SimulatedAutopilot(other))
     c.run(8.0)
     status = c.session.status(c.now_ns)
     assert status.clock.source is ClockSource.TIMESYNC
