@@ -8,6 +8,9 @@ import pytest
 from drivers.mavlink.dialect import dialect
 from drivers.mavlink.session import MavlinkSession
 from drivers.mavlink.session_types import Vehicle
+from drivers.simulation.autopilot import PX4
+
+from .conversation import talk, turning
 
 MS, NS = 1_000_000, 1_000_000_000
 AUTO, LOITER = 3, 5
@@ -71,3 +74,25 @@ def test_without_a_pause_a_heartbeat_counts_as_of_its_arrival() -> None:
     for data, t_ns in autopilot.sent(10 * NS, 12 * NS):
         session.receive([(data, t_ns)])
     assert received(session).heartbeat_ns == 12 * NS - 200 * MS
+
+
+@pytest.mark.parametrize("held_back", [False, True])
+def test_after_silence_a_heartbeat_is_as_new_as_the_message_of_motion_before_it(held_back: bool) -> None:
+    """held_back: a router or a radio kept what the autopilot sent in the silence. Heartbeats of the next 0.5 s counted as of before
+    the silence, although attitudes showed when they were sent."""
+    c = talk(PX4, motion=turning, drift=50e-6, boot_at_ns=0)
+    c.run(3.0)
+    before_ns = received(c.session).heartbeat_ns
+    autopilot, arrival_ns = c.autopilots[0], c.now_ns + 2600 * MS
+    for step in range(2500):
+        t_ns = c.now_ns + (step + 1) * MS
+        for data in autopilot.due(t_ns):
+            arrives_ns = arrival_ns if held_back else t_ns + c.delay_ns
+            if not held_back and t_ns < c.now_ns + 1900 * MS:
+                continue  # lost
+            c.session.receive([(data, arrives_ns)])
+            if data[7] == 0 and data[0] == 0xFD:  # HEARTBEAT
+                found_ns = received(c.session).heartbeat_ns
+                assert found_ns <= t_ns, "never newer than it is"
+                assert found_ns > t_ns - 60 * MS
+    assert received(c.session).heartbeat_ns > before_ns
