@@ -118,9 +118,9 @@ class ConflictDetector:
             )
         if two_clocks and not two_vehicles:
             texts_by_topic["two clocks"] = (
-                "contradictory autopilot timestamps: those that do not fit are not used; a second vehicle has the same ids, or "
-                "copies arrive late by another route; give each vehicle another system id, and forward the autopilot's "
-                "messages by one route"
+                "contradictory autopilot timestamps: those that do not fit are not used, and none while TIMESYNC is not answered; a "
+                "second vehicle has the same ids, or copies arrive late by another route; give each vehicle another system id, and "
+                "forward the autopilot's messages by one route"
             )
         for system, component in [s for s, at_ns in self._rivals.items() if _recent(at_ns, now_ns)]:
             own = system == self._own_system

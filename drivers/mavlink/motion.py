@@ -97,12 +97,16 @@ class MotionDecoder:
             return self._odometry(message, arrival_ns)
         return _READERS[frame.id](self, int(fields[0]), fields[1:], arrival_ns)
 
+    def _accepted(self, boot_ns: int, arrival_ns: int) -> bool:
+        """Returns whether the clock accepts the timestamp of a message."""
+        accepted = self._clock.arrival(boot_ns, arrival_ns)
+        self.counts[LinkAnomaly.STAMP_BEHIND] += not accepted
+        return accepted
+
     def _stamp(self, boot_ns: int, rounded_ns: int, arrival_ns: int) -> int | None:
-        """Returns an instant of the autopilot's boot clock on the local clock, at most the time of arrival."""
-        if not self._clock.arrival(boot_ns, arrival_ns):
-            self.counts[LinkAnomaly.STAMP_BEHIND] += 1
-            return None
-        if not self._clock.usable:
+        """Returns an accepted instant of the autopilot's boot clock on the local clock, at most the time of arrival; None while no
+        sample is made."""
+        if not self._clock.usable or self._whose_is_unknown(arrival_ns):
             return None
         estimate: ClockEstimate = self._clock.estimate
         t_ns = estimate.local_ns(boot_ns + rounded_ns)
@@ -112,10 +116,14 @@ class MotionDecoder:
         return t_ns
 
     def two_vehicles(self, now_ns: int) -> bool:
-        """Returns whether a second vehicle sends with the autopilot's ids: two clocks answer, or attitudes contradict each other,
-        or timestamps do while no answer shows which of them are the autopilot's."""
+        """Returns whether a second vehicle sends with the autopilot's ids: two clocks answer, or attitudes contradict each other."""
+        return self._two_clocks_answer(now_ns) or self._contradictory.found(now_ns)
+
+    def _whose_is_unknown(self, now_ns: int) -> bool:
+        """Returns whether messages may be of a second vehicle: also where timestamps contradict each other and no answer shows
+        which of them are the autopilot's."""
         mixed = self._clock.estimate.source is not ClockSource.TIMESYNC and self._clock.mixed(now_ns)
-        return mixed or self._two_clocks_answer(now_ns) or self._contradictory.found(now_ns)
+        return mixed or self.two_vehicles(now_ns)
 
     def _stamp_error_ns(self) -> int:
         """Returns the greatest error of a stamp."""
@@ -162,14 +170,12 @@ class MotionDecoder:
     ) -> AttitudeSample | None:
         """Returns the sample of an attitude whose numbers are valid; None if it must not be used."""
         boot_ns = self._clock.boot_ns(time_boot_ms)
-        t_ns = self._stamp(boot_ns, HALF_MS, arrival_ns)
-        if t_ns is None or self._repeats_itself(kind, boot_ns, numbers, arrival_ns):
+        if not self._accepted(boot_ns, arrival_ns) or self._repeats_itself(kind, boot_ns, numbers, arrival_ns):
             return None
         rates = measured_rates(numbers[-3:])
         self._contradictory.take(boot_ns, arrival_ns, q, rates)
-        if self.two_vehicles(arrival_ns):
-            return None
-        return AttitudeSample(t_ns, arrival_ns, q, rates, self._stamp_error_ns())
+        t_ns = self._stamp(boot_ns, HALF_MS, arrival_ns)
+        return None if t_ns is None else AttitudeSample(t_ns, arrival_ns, q, rates, self._stamp_error_ns())
 
     def _local_position(self, time_boot_ms: int, numbers: tuple[float, ...], arrival_ns: int) -> PoseSample | None:
         position = within(numbers[:3], math.inf)
@@ -177,8 +183,10 @@ class MotionDecoder:
             self.counts[LinkAnomaly.POSITION_NON_FINITE] += 1
             return None
         boot_ns = self._clock.boot_ns(time_boot_ms)
+        if not self._accepted(boot_ns, arrival_ns):
+            return None
         t_ns = self._stamp(boot_ns, HALF_MS, arrival_ns)
-        if t_ns is None or self.two_vehicles(arrival_ns):
+        if t_ns is None:
             return None
         self._local_ns = arrival_ns
         self._locals_since += 1
@@ -204,8 +212,10 @@ class MotionDecoder:
         if boot_ns > UNIX_NS:
             self.counts[LinkAnomaly.ODOMETRY_UNIX_TIME] += 1
             return None
+        if not self._accepted(boot_ns, arrival_ns):
+            return None
         t_ns = self._stamp(boot_ns, 0, arrival_ns)
-        if t_ns is None or self.two_vehicles(arrival_ns):
+        if t_ns is None:
             return None
         slower, self._locals_since = self._locals_since > MOST_BETWEEN, 0
         if slower:

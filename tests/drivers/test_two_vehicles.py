@@ -12,8 +12,9 @@ from drivers.mavlink.clock_sync import ClockFilter
 from drivers.mavlink.contradictory_attitude import LASTS_NS, ContradictoryAttitude
 from drivers.mavlink.dialect import dialect
 from drivers.mavlink.parser import MessageSplitter
+from drivers.mavlink.session_types import PX4
 from drivers.mavlink.timesync import TimeSync
-from drivers.simulation.autopilot import PX4, SimulatedAutopilot
+from drivers.simulation.autopilot import SimulatedAutopilot
 from drivers.simulation.firmware_profile import FirmwareProfile
 from drivers.simulation.flight_path import VehicleState
 
@@ -47,13 +48,16 @@ def test_attitudes_of_two_vehicles_are_not_used(after_s: float, answers: tuple[b
     c.samples.clear()
     c.run(3.0)
     assert c.samples == []
-    assert "two vehicles use the same ids" in c.session.status(c.now_ns).conflicts["two autopilots"]
+    (text,) = c.session.status(c.now_ns).conflicts.values()
+    assert "two vehicles use the same ids" in text or (
+        not all(answers) and "contradictory autopilot timestamps" in text
+    )
 
 
 @pytest.mark.parametrize("after_s", [-0.3, -0.03, 0.03, 0.3])
 def test_attitudes_of_a_second_vehicle_that_answers_nothing_are_recognised(after_s: float) -> None:
     c = two(after_s, answers=(True, False))
-    c.run(2.0)
+    c.run(LASTS_NS / NS + 1.5)
     c.samples.clear()
     c.run(2.0)
     refused = after_s < 0.0  # its stamps are ahead, so that no message of it is used
