@@ -51,18 +51,22 @@ def write_folder(folder: Path, frames: int = 20, rows: Sequence[str] | None = No
 
 
 def write_tlog(
-    path: Path, seconds: float, boot_ms: int = 7000, start_s: float = 0.0, lag_us: int = 400, unix_us: int = EPOCH_US
+    path: Path,
+    seconds: float,
+    boot_ms: int = 7000,
+    start_s: float = 0.0,
+    lag_us: int = 400,
+    unix_us: int = EPOCH_US,
+    rates: tuple[float, float, float] = (0.0, 0.0, 0.0),
 ) -> Path:
-    """Heartbeats and attitudes at 50 Hz of the same motion, t 0 being unix_us."""
+    """Heartbeats and attitudes at 50 Hz of the same motion, t 0 being unix_us. rates: as written, those of the motion are others."""
     sender = dialect.MAVLink(None, srcSystem=1, srcComponent=1)
     parts = []
     for i in range(int(seconds * 50) + 1):
         t_s = start_s + i * 0.02
         stamp = unix_us + round(t_s * 1e6) + lag_us
         roll, pitch = tilt(t_s)
-        messages = [
-            dialect.MAVLink_attitude_message(boot_ms + round((t_s - start_s) * 1000), roll, pitch, 0.1, 0, 0, 0)
-        ]
+        messages = [dialect.MAVLink_attitude_message(boot_ms + round((t_s - start_s) * 1000), roll, pitch, 0.1, *rates)]
         if i % 50 == 0:
             messages.insert(0, dialect.MAVLink_heartbeat_message(2, 12, 0, 0, 4, 3))
         parts += [struct.pack(">Q", stamp) + bytes(m.pack(sender)) for m in messages]

@@ -29,16 +29,20 @@ def attitudes(events: list[object]) -> list[AttitudeSample]:
     return [e for e in events if isinstance(e, AttitudeSample)]
 
 
-def test_the_logs_attitude_is_used(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+@pytest.mark.parametrize("rates", [(0.01, -0.02, 0.03), (0.0, 0.0, 0.0)])
+def test_the_logs_attitude_is_used(
+    rates: tuple[float, float, float], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Rates of zero about all axes were not filled in, as in flight."""
     folder = write_folder(tmp_path / "rec", 40, [f"depth/{i:06d}.png,{i}00000000,9,9,9,1,2,3" for i in range(40)])
-    write_tlog(folder / "a.tlog", 5.0)
+    write_tlog(folder / "a.tlog", 5.0, rates=rates)
     status, events = imported(folder, "--tlog-epoch", EPOCH)
     assert status == 0
     assert "attitude from a.tlog: ATTITUDE of system 1" in capsys.readouterr().out
     found = attitudes(events)
     at = next(a for a in found if abs(a.t_ns - 2_000_000_000) < 1_000_000)
     assert at.q_ned_frd_wxyz == pytest.approx(quaternion_from_euler(*tilt(2.0), 0.1), abs=1e-5)
-    assert at.rates_frd_rad_s == (0.0, 0.0, 0.0)
+    assert at.rates_frd_rad_s == (pytest.approx(rates) if any(rates) else None)
     # positions of frames.csv would be of another heading's ned
     assert not [e for e in events if isinstance(e, PoseSample)]
     assert len([e for e in events if isinstance(e, DepthFrame)]) == 40
