@@ -46,13 +46,13 @@ def test_bytes_waiting_on_the_link_are_read_by_catch_up() -> None:
             for k in range(20):  # whatever the link's own thread is at
                 boot_ms = (time.monotonic_ns() - started_ns) // 1_000_000
                 message = dialect.MAVLink_attitude_quaternion_message(
-                    boot_ms, 1.0, 1e-4 * k, 0.0, 0.0, 0.01 * k, 0.0, 0.0
+                    boot_ms, 1.0, 1e-4 * k, 0.0, 0.0, 0.01 * (k + 1), 0.0, 0.0
                 )
                 autopilot.sendto(message.pack(encoder), place)
                 link.catch_up()
                 newest = samples[-1]
                 assert isinstance(newest, AttitudeSample)
-                assert newest.rates_frd_rad_s == pytest.approx((0.01 * k, 0.0, 0.0))
+                assert newest.rates_frd_rad_s == pytest.approx((0.01 * (k + 1), 0.0, 0.0))
         stamps = [s.t_arrival_ns for s in samples]
         assert stamps == sorted(stamps)
 
@@ -164,7 +164,7 @@ def test_a_flood_does_not_keep_the_attitude_from_the_frame_at_hand(monkeypatch: 
                     sender.sendto(noise, place)
                 boot_ms = time.monotonic_ns() // 1_000_000
                 message = dialect.MAVLink_attitude_quaternion_message(
-                    boot_ms, 1.0, 1e-4 * k, 0.0, 0.0, 0.01 * k, 0.0, 0.0
+                    boot_ms, 1.0, 1e-4 * k, 0.0, 0.0, 0.01 * (k + 1), 0.0, 0.0
                 )
                 autopilot.sendto(message.pack(encoder), place)
                 before = len(samples)
