@@ -49,6 +49,9 @@ CELL_PX = 8
 """Side of the cells in which evidence is counted, in columns and rows of the view."""
 _ROUGH_M = 0.2
 """A strip that is not smooth is evidence as if it were nearer by this: its pixels, as those of leaves, are scattered."""
+_TALL_GAPS = 3.0
+"""An area wider than half of gap_m, behind which a strip was measured, is at most this many times gap_m high. Rows count
+from the end of its first square on."""
 _OUTSIDE = 1e6
 """1/x of a cell outside of the source image, greater than that of any obstacle."""
 
@@ -98,6 +101,30 @@ def find_evidence(strips, n, view, image):
 
 
 @inner
+def farthest_evidence(s, settings):
+    """Returns the least 1/x of a strip that is evidence for a plane at 1/x = s: less than merge_distance_m, and
+    LINE_SIGMAS of noise of 1/x, behind it, as a strip of a merged plane may be."""
+    return s / (1.0 + settings.merge_distance_m * s) - (LINE_SIGMAS * settings.sigma_s + settings.smear_s)
+
+
+@inner
+def is_measured_behind(plane, t0, t1, settings, evidence):
+    """True if a cell whose centre lies on a plane from tangent t0 to t1 has strips, all of them farther than
+    `farthest_evidence`."""
+    grid = evidence.nearest
+    i0 = max(0, first_cell(t0 * evidence.across + evidence.cu))
+    i1 = min(grid.shape[0], first_cell(t1 * evidence.across + evidence.cu))
+    for i in range(i0, i1):
+        s = plane.a + plane.b * (i + 0.5 - evidence.cu) / evidence.across
+        down, limit = evidence.down * s, farthest_evidence(s, settings)
+        j0 = max(0, first_cell(plane.top_m * down + evidence.cv))
+        for j in range(j0, min(grid.shape[1], first_cell(plane.bottom_m * down + evidence.cv))):
+            if 0.0 < grid[i, j] < limit:
+                return True
+    return False
+
+
+@inner
 def first_cell(value):
     """Returns the index of the first cell whose centre is at or after `value`, in cells."""
     return int(math.ceil(value - 0.5))
@@ -107,16 +134,17 @@ def first_cell(value):
 def uncovered_share(joined, a, b, p, q, settings, cover):
     """Returns the share of the cells of a joined rectangle that are not blocked; 2 if it must not be made.
 
-    It must not be made if it contains an empty square with a side of gap_m, or an open cell (openings.py) that lies
-    more than opening_slack_m inside its border and in neither p nor q. A cell is blocked by a strip that is less than
-    merge_distance_m, and LINE_SIGMAS of noise of 1/x, behind the line, as a strip of the joined plane may be.
+    It must not be made if it contains an empty square with a side of gap_m, an empty area of half that width and
+    _TALL_GAPS times that height behind which a strip was measured, or an open cell (openings.py) that lies more than
+    opening_slack_m inside its border and in neither p nor q. A cell is blocked by a strip that is not behind
+    `farthest_evidence`.
 
     Args:
         joined: Rectangle on the line.
         a, b: line s = a + b t.
         p, q: Rectangles of the two planes, with heights at the joined line."""
     evidence, run = cover.evidence, cover.run
-    grid, noise_s = evidence.nearest, LINE_SIGMAS * settings.sigma_s + settings.smear_s
+    grid = evidence.nearest
     i0 = max(0, first_cell(joined.t0 * evidence.across + evidence.cu))
     i1 = min(grid.shape[0], first_cell(joined.t1 * evidence.across + evidence.cu))
     run[:] = 0
@@ -127,9 +155,11 @@ def uncovered_share(joined, a, b, p, q, settings, cover):
         down = evidence.down * s
         j0 = min(max(0, first_cell(joined.top_m * down + evidence.cv)), grid.shape[1])
         j1 = max(j0, min(grid.shape[1], first_cell(joined.bottom_m * down + evidence.cv)))
-        limit = s / (1.0 + settings.merge_distance_m * s) - noise_s
+        limit = farthest_evidence(s, settings)
         longest = settings.gap_m * min(evidence.across, evidence.down) * s
         slack = settings.opening_slack_m * down
+        # rows up to this one that end an empty square wider than half of gap_m, behind which a strip was measured
+        tall = 0
         corner = run[j0]
         run[j0] = 0
         for j in range(j0, j1):
@@ -137,11 +167,13 @@ def uncovered_share(joined, a, b, p, q, settings, cover):
             corner = run[j + 1]
             if grid[i, j] >= limit:
                 run[j + 1] = 0
+                tall = 0
                 continue
             empty += 1
             side = 1 + min(above, min(corner, run[j]))
             run[j + 1] = side
-            if side > longest:
+            tall = tall + 1 if grid[i, j] > 0.0 and 2 * side > longest else 0
+            if side > longest or tall > _TALL_GAPS * longest:
                 return 2.0
             if slack < j + 0.5 - j0 and slack < j1 - j - 0.5 and slack < i + 0.5 - i0 and slack < i1 - i - 0.5:
                 m = (j + 0.5 - evidence.cv) / evidence.down

@@ -48,7 +48,8 @@ def shape_planes(strips, view, source, settings, openings, planes):
     planes_from_tracks(tracks, found, p, tables)
     measure_planes(strips, view, p, tracks, tables)
     evidence = find_evidence(table, n, view, source[0])
-    join_planes(tracks, tables, p, Cover(evidence, openings, np.zeros(evidence.nearest.shape[1] + 2, np.int32)))
+    cover = Cover(evidence, openings, np.zeros(evidence.nearest.shape[1] + 2, np.int32))
+    join_planes(tracks, tables, p, cover)
     merged = compact_planes(tracks, tracks, tables)
     measure_planes(strips, view, p, merged, tables)
     count = split_outliers(strips, view, p, merged, tracks, tables)
@@ -57,7 +58,7 @@ def shape_planes(strips, view, source, settings, openings, planes):
     shift_to_near_side(count, planes, p.min_plane_distance_m)
     if p.smear_t > 0.0:
         widen_planes(count, planes, p.smear_t)
-    extend_to_corners(count, planes, p, openings)
+    extend_to_corners(count, planes, p, cover)
     count = close_concavities(count, planes, p, openings)
     drop_covered(count, planes, p.hidden_depth_m, p.hidden_t)
     trim_covered(count, planes, p.hidden_depth_m, evidence)

@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 
 from ..jit import inner
+from .evidence import is_measured_behind
 from .line_fit import add_moments, copy_moments
 from .openings import is_open
 from .planes import MOST_M, distance_at
@@ -41,13 +42,14 @@ def facing_gap_m(p, q):
 
 
 @inner
-def extend_to_corners(count, planes, settings, openings):
+def extend_to_corners(count, planes, settings, cover):
     """Moves the facing ends of neighbours to the intersection of their lines, if that is within reach of both ends.
 
     An end is moved by at most _REACH_WS of Ws along its plane, and only if the ends are less than reach_t apart. It is
     shortened only where the other plane extends as far and blocks the same rays, within _SLACK_M of height and at
-    most safe_distance_m behind. It is not extended over an opening, which is tested at _POINTS x _POINTS points.
-    planes: (N,) PLANE, in and out."""
+    most safe_distance_m behind. It is not extended over an opening, which is tested at _POINTS x _POINTS points, nor
+    over a cell in which the nearest strip lies behind the plane, as under the lintel beside a pillar.
+    planes: (N,) PLANE, in and out; cover: Cover."""
     for i in range(count):
         for j in range(count):
             p, q = planes[i], planes[j]
@@ -55,7 +57,7 @@ def extend_to_corners(count, planes, settings, openings):
                 continue
             t = (q.a - p.a) / (p.b - q.b)
             if _may_meet(p, q, t, settings):
-                _meet(p, q, t, openings)
+                _meet(p, q, t, settings, cover)
 
 
 @inner
@@ -92,15 +94,24 @@ def _may_meet(p, q, t, settings):
 
 
 @inner
-def _meet(p, q, t, openings):
-    """Moves the right end of p and the left end of q to the tangent t, unless one of them would cover an opening."""
-    if (t > p.t1 and _covers_opening(p, p.t1, t, openings)) or (t < q.t0 and _covers_opening(q, t, q.t0, openings)):
+def _meet(p, q, t, settings, cover):
+    """Moves the right end of p and the left end of q to the tangent t, unless one of them would cover an opening or
+    something that was measured behind it."""
+    if (t > p.t1 and _covers_free(p, p.t1, t, settings, cover)) or (
+        t < q.t0 and _covers_free(q, t, q.t0, settings, cover)
+    ):
         return
     if t < p.t1:
         _extend_heights(q, p, t, p.t1)
     if t > q.t0:
         _extend_heights(p, q, t, q.t0)
     p.t1, q.t0 = t, t
+
+
+@inner
+def _covers_free(p, t0, t1, settings, cover):
+    """True if plane p from tangent t0 to t1 would cover part of an opening, or of what was measured behind it."""
+    return _covers_opening(p, t0, t1, cover.openings) or is_measured_behind(p, t0, t1, settings, cover.evidence)
 
 
 @inner

@@ -9,6 +9,7 @@ import numpy as np
 
 UNKNOWN, FAR = 0, 1
 STAND_SIGMAS, STAND_M, LINE_SIGMAS, JUMP_SHARE, JUMP_SIGMAS, ROUGHNESS_M, LONG_WS = 6.0, 0.1, 3.0, 0.1, 3.0, 0.02, 0.5
+TALL_GAPS = 3.0
 """Constants of the stages, written a second time."""
 
 
@@ -284,8 +285,9 @@ def components(place, ws, hs):
 
 
 def uncovered_share(rect, a, b, p, q, behind_m, noise_s, gap_m, slack_m, grid, frame, mask):
-    """Share of the empty cells of a rectangle (t0, t1, top, bottom) on s = a + b t; 2 with too large a square of them, or
-    with an open one that neither p nor q has; mask: open cells at its distance, the same grid."""
+    """Share of the empty cells of a rectangle (t0, t1, top, bottom) on s = a + b t; 2 with too large a square of them, too
+    tall an area of them behind which something was measured, or an open one that neither p nor q has; mask: open cells at
+    its distance, the same grid."""
     across, down, cu, cv = frame
     inside, empty = {}, set()
     for i, j in itertools.product(*map(range, grid.shape)):
@@ -299,6 +301,10 @@ def uncovered_share(rect, a, b, p, q, behind_m, noise_s, gap_m, slack_m, grid, f
         t, z, s = inside[i, j]
         side = 1 + int(gap_m * min(across, down) * s)
         if all((i - di, j - dj) in empty for di in range(side) for dj in range(side)):
+            return 2.0
+        wide, high = 1 + int(0.5 * gap_m * min(across, down) * s), 1 + int(TALL_GAPS * gap_m * min(across, down) * s)
+        area = [(i - di, j - d) for di in range(wide) for d in range(high + wide - 1)]
+        if empty.issuperset(area) and all(grid[i, j - d] > 0.0 for d in range(high)):
             return 2.0
         columns, rows = {k for k, _ in inside}, {r for k, r in inside if k == i}
         rim = min(i - min(columns), max(columns) - i, j - min(rows), max(rows) - j) + 0.5

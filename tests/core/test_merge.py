@@ -225,7 +225,7 @@ def test_what_a_joined_plane_covers_against_trying_every_square(seed: int, gap: 
     rng = np.random.default_rng(seed)
     grid = np.zeros((20, 16), np.float32)
     grid[rng.random(grid.shape) < rng.uniform(0.4, 0.95)] = 0.2
-    grid[rng.random(grid.shape) < 0.1] = 0.1
+    grid[rng.random(grid.shape) < rng.choice([0.1, 0.7])] = 0.1
     masks = (rng.random((6, *grid.shape)) < 0.02).astype(np.uint8)
     frame = np.array([rng.choice([25.0, 12.5]), 25.0, 10.0, 8.0])
     t0, t1, m0, m1 = *np.sort(rng.uniform(-0.5, 0.5, 2)), *np.sort(rng.uniform(-0.4, 0.4, 2))
@@ -241,6 +241,25 @@ def test_what_a_joined_plane_covers_against_trying_every_square(seed: int, gap: 
     got = evidence.uncovered_share(*boxes, settings, cover)
     want = naive.uncovered_share(rect, a, b, p, q, settings.merge_distance_m, 0.005, gap, 0.1, grid, frame, masks[4])
     assert got == pytest.approx(want)
+
+
+@pytest.mark.parametrize("behind", [0.0, 0.12])
+@pytest.mark.parametrize(("wide", "high"), [(1, 16), (2, 7), (2, 8)])
+def test_a_tall_area_behind_which_something_was_measured_forbids_the_plane(behind: float, wide: int, high: int) -> None:
+    """At 5 m in cells of 0.25 m, 20 by 16 of them, all but some of which show the plane. Without a measurement (0) the same
+    area is covered."""
+    settings = view_settings(view(), 0.0005, Params())[0]
+    settings.gap_m, settings.sigma_s, settings.smear_s = 0.5, 0.0, 0.0
+    grid = np.full((20, 16), 0.2, np.float32)
+    grid[7 : 7 + wide, 3 : 3 + high] = behind
+    cells = evidence.Evidence(grid, 20.0, 20.0, 10.0, 8.0)
+    cover = evidence.Cover(
+        cells, OpeningMasks(np.zeros((6, 20, 16), np.uint8), STEPS, 20.0, 20.0, 10.0, 8.0), np.zeros(18, np.int32)
+    )
+    joined = evidence.Rectangle(-0.5, 0.5, -2.0, 2.0)
+    share = evidence.uncovered_share(joined, 0.2, 0.0, joined, joined, settings, cover)
+    high = min(high, 13)  # the rectangle ends with the grid
+    assert share == (2.0 if behind > 0.0 and (wide, high) == (2, 8) else pytest.approx(wide * high / 320.0))
 
 
 @pytest.mark.parametrize("slack_m", [0.0, 0.25, 0.55])

@@ -15,7 +15,7 @@ from core.stages import openings, refine
 from core.stages import planes as pl
 from core.stages import strips as s
 from core.stages.depth_bias import DepthBias
-from core.stages.evidence import Evidence
+from core.stages.evidence import Cover, Evidence
 from core.stages.ground import NO_GROUND
 from core.stages.model import PublishedPlanes, published_planes
 from core.stages.openings import OpeningMasks
@@ -32,6 +32,8 @@ P = Params()
 
 
 OPEN_EVERYWHERE = CLOSED._replace(masks=np.ones_like(CLOSED.masks))
+COVER = Cover(Evidence(np.zeros((20, 20), np.float32), F / 8, F / 8, 10.0, 10.0), CLOSED, np.zeros(22, np.int32))
+"""Nothing was measured, and there is no opening."""
 
 
 def plain(params: Params = P, **changed: float) -> np.ndarray:
@@ -183,7 +185,7 @@ def test_where_a_plane_is_not_finite_none_is_published(name: str, number: float)
 
 def test_two_walls_meet_in_their_corner() -> None:
     planes = plane_table((6.0, -2.0, 6.0, 1.9, -1, 1), (5.9, 2.0, 3.0, 2.0, -1, 1))
-    refine.extend_to_corners(2, planes, plain(reach_t=40 / F), CLOSED)
+    refine.extend_to_corners(2, planes, plain(reach_t=40 / F), COVER)
     assert ends(planes[0])[2:] == pytest.approx((6.0, 2.0))
     assert ends(planes[1])[:2] == pytest.approx((6.0, 2.0))
 
@@ -191,8 +193,23 @@ def test_two_walls_meet_in_their_corner() -> None:
 def test_walls_do_not_meet_over_an_opening() -> None:
     planes = plane_table((6.0, -2.0, 6.0, 1.9, -1, 1), (5.9, 2.0, 3.0, 2.0, -1, 1))
     before = planes.copy()
-    refine.extend_to_corners(2, planes, plain(reach_t=40 / F), OPEN_EVERYWHERE)
+    refine.extend_to_corners(2, planes, plain(reach_t=40 / F), COVER._replace(openings=OPEN_EVERYWHERE))
     np.testing.assert_array_equal(planes, before)
+
+
+@pytest.mark.parametrize(("nearest_m", "meet"), [(math.inf, True), (6.2, True), (9.0, False)])
+def test_walls_do_not_meet_over_what_was_measured_behind_them(nearest_m: float, meet: bool) -> None:
+    """As under a lintel: the cell of the view between the two walls is not measured, shows the first wall, or shows what is 3 m
+    behind it."""
+    planes = plane_table((6.0, -2.0, 6.0, 1.6, -1, 1), (5.9, 2.0, 3.0, 2.0, -1, 1))
+    before, nearest = planes.copy(), np.zeros((20, 20), np.float32)
+    nearest[13, 10] = 1.0 / nearest_m
+    cover = COVER._replace(evidence=COVER.evidence._replace(nearest=nearest))
+    refine.extend_to_corners(2, planes, plain(reach_t=40 / F), cover)
+    if meet:
+        assert ends(planes[0])[2:] == pytest.approx((6.0, 2.0))
+    else:
+        np.testing.assert_array_equal(planes, before)
 
 
 @pytest.mark.parametrize("change", ["far", "cluster", "heights", "parallel"])
@@ -207,7 +224,7 @@ def test_walls_that_do_not_meet_keep_their_ends(change: str) -> None:
     planes = plane_table((6.0, -2.0, 6.0, 1.9, -1, 1), tuple(second))
     planes[1].cluster = int(change == "cluster")
     before = planes.copy()
-    refine.extend_to_corners(2, planes, plain(reach_t=40 / F), CLOSED)
+    refine.extend_to_corners(2, planes, plain(reach_t=40 / F), COVER)
     np.testing.assert_array_equal(planes, before)
 
 
@@ -215,7 +232,7 @@ def test_an_end_is_cut_back_only_where_the_other_takes_over_its_height() -> None
     """A high wall that overshoots a low one by 20 cm keeps its end: no other plane covers its upper part."""
     for high, kept in ((-3.0, True), (-1.0, False)):
         planes = plane_table((6.0, -2.0, 6.0, 2.2, high, 1), (5.9, 2.0, 3.0, 2.0, -1, 1))
-        refine.extend_to_corners(2, planes, plain(reach_t=40 / F), CLOSED)
+        refine.extend_to_corners(2, planes, plain(reach_t=40 / F), COVER)
         assert (ends(planes[0])[3] == pytest.approx(2.2)) == kept
 
 
@@ -226,7 +243,7 @@ def test_an_end_is_not_cut_back_where_the_other_plane_ends_before_it(side: int) 
     for end, kept in ((0.9, True), (1.2, False)):
         a, b = (2.65, -1.0 * side, 2.65, 1.1 * side, -1, 1), (2.69, 0.7 * side, 2.62, end * side, -1, 1)
         planes = plane_table(*((a, b) if side > 0 else (b[2:4] + b[:2] + b[4:], a[2:4] + a[:2] + a[4:])))
-        refine.extend_to_corners(2, planes, plain(reach_t=40 / F), CLOSED)
+        refine.extend_to_corners(2, planes, plain(reach_t=40 / F), COVER)
         outer = ends(planes[0])[3] if side > 0 else ends(planes[1])[1]
         assert (outer == pytest.approx(1.1 * side)) == kept
 
@@ -236,14 +253,14 @@ def test_an_end_is_cut_back_only_where_the_same_rays_are_stopped() -> None:
     for low, kept in ((0.5, True), (-0.5, False)):
         planes = plane_table((5.0, -2.6, 6.0, -0.9, low, 0.6), (7.0, -3.6, 5.5, 0.5, low, 0.6))
         before = planes[1].copy()
-        refine.extend_to_corners(2, planes, plain(passable_width_m=20.0, reach_t=200 / F), CLOSED)
+        refine.extend_to_corners(2, planes, plain(passable_width_m=20.0, reach_t=200 / F), COVER)
         assert (planes[1].t0 == before.t0) == kept
 
 
 def test_what_takes_over_an_end_takes_over_all_of_its_height() -> None:
     """A wire that sinks by 2 cm from piece to piece, less than the slack: none of it may be lost where pieces meet."""
     planes = plane_table((3.0, -1.0, 3.0, 0.1, -0.54, -0.5), (3.02, -0.1, 2.8, 1.0, -0.52, -0.48))
-    refine.extend_to_corners(2, planes, plain(passable_width_m=4.0, reach_t=40 / F), CLOSED)
+    refine.extend_to_corners(2, planes, plain(passable_width_m=4.0, reach_t=40 / F), COVER)
     cut, longer = planes[0], planes[1]
     assert cut.t1 == longer.t0 < 0.1 / 3.0
     assert longer.top_m <= -0.54 + 1e-9
@@ -254,7 +271,7 @@ def test_an_end_that_stands_out_in_front_of_the_other_plane_stays() -> None:
     """A spike towards the camera whose end overshoots a wall: cut back, nothing would stand where it was seen."""
     for near, kept in ((5.0, True), (5.9, False)):
         planes = plane_table((6.5, -0.2, near, 0.2, -1, 1), (6.0, 0.1, 6.0, 2.0, -1, 1))
-        refine.extend_to_corners(2, planes, plain(passable_width_m=4.0, reach_t=40 / F), CLOSED)
+        refine.extend_to_corners(2, planes, plain(passable_width_m=4.0, reach_t=40 / F), COVER)
         assert (ends(planes[0])[2:] == pytest.approx((near, 0.2))) == kept
 
 
