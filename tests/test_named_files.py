@@ -14,7 +14,7 @@ NAMED = re.compile(
 )
 MADE_UP = {
     "tests/companion/kernels/test_jit_cache.py",
-    "tests/companion/test_kernel_manifest.py",
+    "tests/companion/kernels/test_kernel_manifest.py",
     "tests/test_named_files.py",
 }
 """Tests that name files of projects which they make."""

@@ -1,0 +1,197 @@
+"""The guard's state machine: unseen space, failsafes, take-off and landing."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from companion.guard.assessment import Verdict
+from companion.guard.machine import REARM_NS, GuardMachine
+from companion.guard.modes import StopMethod
+from companion.guard.states import (
+    GuardState,
+    StopCommand,
+)
+from drivers.mavlink.commands import COPTER_BRAKE
+
+from ..guard_machine import (
+    AUTO,
+    BLIND,
+    BLOCKED,
+    FREE,
+    GUARD,
+    RETURN,
+    RTL,
+    STEP_NS,
+    WEAK,
+    Flight,
+    commands,
+    stopping,
+    texts,
+)
+
+
+def test_a_stop_is_repeated_where_the_path_is_not_seen() -> None:
+    f = stopping()
+    f.verdict = replace(FREE, sees=False)
+    assert commands(f.step(30)) != []
+    f = stopping()
+    f.verdict = None
+    assert commands(f.step(30)) != []
+
+
+@pytest.mark.parametrize("unseen", [BLIND, replace(FREE, sees=False), None])
+def test_a_stop_before_an_obstacle_is_repeated_in_take_off_landing_and_failsafe_where_the_path_is_lost(
+    unseen: Verdict | None,
+) -> None:
+    """Unseen space alone does not stop the vehicle there. It does not show that the obstacle is gone, either."""
+    f = Flight(near_ground=True)
+    f.step()
+    f.verdict = BLOCKED
+    assert len(commands(f.step())) == 1
+    f.verdict = unseen
+    assert len(commands(f.step(100))) > 3
+    f.verdict = FREE
+    assert texts(f.step(40)) == ["guard: stop ended, not needed now"]
+    f = Flight("PX4", RETURN, system_status=5)
+    f.step()
+    f.verdict = BLOCKED
+    assert len(commands(f.step())) == 1
+    f.verdict = unseen
+    assert len(commands(f.step(100))) > 3
+
+
+@pytest.mark.parametrize(("reason", "repeated"), [(BLOCKED, True), (BLIND, False)])
+def test_a_restart_in_landing_repeats_a_stop_before_an_obstacle(reason: Verdict, repeated: bool) -> None:
+    f = Flight()
+    f.step()
+    f.verdict = reason
+    assert len(commands(f.step())) == 1
+    f.machine = GuardMachine(GUARD, f.machine.memory, f.machine.received_ns)
+    f.near_ground, f.verdict = True, BLIND
+    assert (len(commands(f.step(100))) > 3) is repeated
+
+
+def test_a_failsafe_that_begins_during_a_stop_needs_a_firm_obstacle() -> None:
+    f = Flight("PX4", RETURN)
+    f.step()
+    f.verdict = WEAK
+    assert len(commands(f.step())) == 1
+    f.verdict, f.system_status = BLIND, 5
+    assert commands(f.step(50)) == []
+
+
+def test_blindness_stops_once() -> None:
+    """Otherwise a vehicle with a broken camera could not return."""
+    f = Flight()
+    f.step()
+    f.verdict = BLIND
+    assert commands(f.step()) == [StopCommand(7, StopMethod.COPTER_BRAKE)]
+    f.mode, f.verdict = COPTER_BRAKE, replace(BLIND, speed_m_s=0.0)
+    f.step(12)
+    assert f.state is GuardState.HOLDING
+    f.mode, f.verdict = RTL, BLIND
+    out = f.step(50)
+    assert commands(out) == []
+    assert texts(out) == ["guard: released, mode changed", "guard: off, path still not seen"]
+    f.verdict = FREE
+    f.step(REARM_NS // STEP_NS + 1)
+    f.verdict = BLIND
+    assert commands(f.step()) == [StopCommand(7, StopMethod.COPTER_BRAKE)]
+
+
+def test_a_blind_stop_counts_for_one_flight_only() -> None:
+    f = Flight()
+    f.step()
+    f.verdict = BLIND
+    assert commands(f.step()) != []
+    f.armed = False
+    f.step()
+    f.armed = True
+    assert commands(f.step(10)) == []  # nothing was seen in this flight
+    f.verdict = FREE
+    f.step()
+    f.verdict = BLIND
+    assert commands(f.step()) == [StopCommand(7, StopMethod.COPTER_BRAKE)]
+
+
+def test_an_intermittent_camera_stops_the_vehicle_once() -> None:
+    f = Flight()
+    f.step()
+    f.verdict = BLIND
+    assert commands(f.step()) != []
+    f.mode, f.verdict = COPTER_BRAKE, replace(BLIND, speed_m_s=0.0)
+    f.step()
+    f.mode = AUTO
+    for _ in range(10):
+        f.verdict = FREE
+        assert commands(f.step(10)) == []
+        f.verdict = BLIND
+        assert commands(f.step(5)) == []
+    f.verdict = BLOCKED
+    assert commands(f.step()) != []
+
+
+def test_a_remembered_obstacle_stops_after_a_stop_for_unseen_space() -> None:
+    f = Flight()
+    f.step()
+    f.verdict = BLIND
+    f.step()
+    f.mode, f.verdict = COPTER_BRAKE, replace(BLIND, speed_m_s=0.0)
+    f.step()
+    f.mode = AUTO
+    assert commands(f.step(20)) == []
+    f.verdict = replace(BLIND, obstacle_stop=True)
+    assert commands(f.step()) == [StopCommand(7, StopMethod.COPTER_BRAKE)]
+
+
+@pytest.mark.parametrize("system_status", [5, 6])
+@pytest.mark.parametrize(("kind", "mode"), [("PX4", RETURN), ("ArduPilot", RTL), ("ArduPilot", 21)])
+def test_a_return_of_a_failsafe_is_stopped_before_firm_obstacles_only(kind: str, mode: int, system_status: int) -> None:
+    f = Flight(kind, mode, system_status=system_status)
+    f.step()
+    for verdict in (BLIND, WEAK):
+        f.verdict = verdict
+        assert commands(f.step(30)) == []
+    f.verdict = BLOCKED
+    assert len(commands(f.step())) == 1
+
+
+def test_a_blind_stop_is_not_repeated_when_a_failsafe_begins() -> None:
+    f = Flight("ArduPilot", RTL)
+    f.step()
+    f.verdict = BLIND
+    assert commands(f.step()) != []
+    f.system_status = 5
+    assert commands(f.step(50)) == []
+
+
+def test_a_failsafe_in_a_mission_changes_nothing() -> None:
+    f = Flight(system_status=5)
+    f.step()
+    f.verdict = BLIND
+    assert commands(f.step()) != []
+
+
+def test_no_stop_for_unseen_space_in_take_off_and_landing() -> None:
+    f = Flight(near_ground=True)
+    f.step()
+    f.verdict = BLIND
+    assert commands(f.step(30)) == []
+    f.verdict = WEAK
+    assert commands(f.step()) != []
+
+
+def test_an_obstacle_stops_the_vehicle_although_its_path_was_never_seen() -> None:
+    f = Flight(verdict=BLIND)
+    f.step(30)
+    f.verdict = replace(WEAK, sees=False)
+    assert commands(f.step()) != []
+
+
+def test_nothing_is_stopped_before_anything_was_seen() -> None:
+    f = Flight(verdict=BLIND)
+    out = f.step(30)
+    assert commands(out) == []
+    assert texts(out) == ["guard: off, nothing seen since take-off"]

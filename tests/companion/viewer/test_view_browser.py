@@ -1,0 +1,136 @@
+"""The page in a real browser, where there is one."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from companion.viewer.page import PageBuilder
+
+from ..browser import Browser, opened
+from ..view_scenes import blind, frame, tilted
+
+pytestmark = pytest.mark.process
+
+BANNER = "document.getElementById('banner').textContent"
+
+
+@pytest.fixture(scope="module")
+def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
+    with opened(tmp_path_factory.mktemp("browser")) as browser:
+        yield browser
+
+
+@pytest.fixture(scope="module")
+def page(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    builder = PageBuilder("test.mcap", 3)
+    for f in (frame(), blind(), tilted()):
+        builder.add(f)
+    path = tmp_path_factory.mktemp("page") / "flight.html"
+    path.write_text(builder.page(), encoding="utf-8")
+    return path
+
+
+@pytest.mark.parametrize(
+    ("address", "banner", "drawn"), [("frame=0", "VALID", "0"), ("frame=1", "BLIND: too few pixels", "1")]
+)
+def test_page_opens_without_complaint_and_shows_the_status(
+    browser: Browser, page: Path, address: str, banner: str, drawn: str
+) -> None:
+    with browser.page(f"{page.as_uri()}#{address}") as shown:
+        shown.wait(f"document.body.dataset.drawn === '{drawn}'")
+        assert shown.ask(BANNER).startswith(banner)
+        facts = shown.ask("document.getElementById('facts').textContent").replace("-0°", "0°")
+        assert "roll 0°, pitch 0°, yaw 0°" in facts
+        assert not browser.complaints
+
+
+def test_scene_is_drawn(browser: Browser, page: Path, tmp_path: Path) -> None:
+    shots = {}
+    addresses = {"valid": (2, "frame=2&world=ned&points=1&normals=1"), "blind": (1, "frame=1")}
+    for name, (drawn, address) in addresses.items():
+        target = tmp_path / f"{name}.png"
+        with browser.page(f"{page.as_uri()}#{address}") as shown:
+            shown.wait(f"document.body.dataset.drawn === '{drawn}' && !document.getElementById('depth').hidden")
+            shown.picture(target)
+        image = cv2.imread(str(target))
+        assert image is not None
+        assert image.shape[1] == 1200
+        shots[name] = image[60 : image.shape[0] - 120, :800]  # the 3-D part
+    colors = {name: len(np.unique(s[::2, ::2].reshape(-1, 3), axis=0)) for name, s in shots.items()}
+    assert colors["valid"] > 200
+    b, g, r = (shots["blind"][..., k].astype(int) for k in range(3))
+    assert np.mean((r > 120) & (g < 70) & (b < 70)) > 0.02, "a blind frame says so across the scene"
+
+
+ACT = """(async () => {
+const tell = {}, key = (name) => dispatchEvent(new KeyboardEvent("keydown", { key: name }));
+const settle = () => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)));
+const canvas = document.getElementById("canvas"), app = window.app;
+const pointer = (kind, x, y) => canvas.dispatchEvent(new PointerEvent(kind, { clientX: x, clientY: y, pointerId: 1, bubbles: true }));
+canvas.setPointerCapture = () => {};
+const box = canvas.getBoundingClientRect(), x = box.left + box.width / 2, y = box.top + box.height / 2;
+await settle();
+key("4"); await settle();
+pointer("pointermove", x, y);
+tell.tip = document.getElementById("tip").textContent;
+const before = app.orbit.azimuth;
+pointer("pointerdown", x, y); pointer("pointermove", x + 50, y); pointer("pointerup", x + 50, y);
+tell.turned = before - app.orbit.azimuth;
+const far = app.orbit.distance;
+canvas.dispatchEvent(new WheelEvent("wheel", { deltaY: 400, cancelable: true }));
+tell.zoomed = app.orbit.distance / far;
+tell.walls = app.frames.shown.length;
+for (const [name, act] of [["right", () => key("ArrowRight")], ["end", () => key("End")], ["left", () => key("ArrowLeft")], ["home", () => key("Home")]]) {
+  act(); await settle();
+  tell[name] = app.at;
+}
+const slider = document.getElementById("slider");
+slider.value = "1";
+slider.dispatchEvent(new Event("input")); await settle();
+tell.slid = app.at;
+document.getElementById("inferred").click();
+key("End"); await settle();
+tell.measured = app.frames.shown.length;
+key("Home"); await settle();
+key(" ");
+tell.playing = app.playing;
+return JSON.stringify(tell);
+})()"""
+
+
+def test_page_is_turned_stepped_slid_and_questioned(browser: Browser, page: Path) -> None:
+    with browser.page(f"{page.as_uri()}#frame=0") as shown:
+        shown.wait("document.body.dataset.drawn === '0'")
+        tell = json.loads(shown.ask(ACT))
+    assert tell["tip"].startswith("plane 0: 4.0 m away; 1.2 to 2.6 m above the ground; margin 0.20 m")
+    assert tell["turned"] == pytest.approx(0.3, abs=0.01)
+    assert tell["zoomed"] == pytest.approx(1.49, abs=0.01)
+    assert [tell[k] for k in ("right", "end", "left", "home")] == [1, 2, 1, 0]
+    assert tell["slid"] == 1
+    assert tell["walls"] == 1
+    assert tell["measured"] == 2, "two of the last frame's four planes are partly inferred"
+    assert tell["playing"] is True
+
+
+def test_page_plays_to_its_end(browser: Browser, page: Path) -> None:
+    with browser.page(f"{page.as_uri()}#frame=0") as shown:
+        shown.wait("document.body.dataset.drawn === '0'")
+        shown.ask("document.getElementById('speed').value = '4'")
+        shown.key("Home")
+        shown.ask("app.play(true)")
+        shown.wait("!app.playing && document.body.dataset.drawn === '2'")
+
+
+def test_page_that_fails_shows_the_failure(browser: Browser, page: Path) -> None:
+    broken = page.with_name("broken.html")
+    text = page.read_text("utf-8").replace("this.#words(frame, options);", "this.gone();")
+    broken.write_text(text, encoding="utf-8")
+    with browser.page(f"{broken.as_uri()}#frame=0", forgiven=True) as shown:
+        shown.wait("document.getElementById('banner').className === 'blind'")
+        assert "cannot be shown" in shown.ask(BANNER)

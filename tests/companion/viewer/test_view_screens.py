@@ -1,0 +1,312 @@
+"""The page on a phone, a tablet and a desktop: what is seen, and the tools of the picture."""
+
+from __future__ import annotations
+
+import base64
+import json
+import struct
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from companion.viewer.page import PageBuilder
+
+from ..browser import Browser, Page, opened
+from ..view_scenes import blind, frame, tilted
+
+pytestmark = pytest.mark.process
+
+SIZES = {
+    "desktop": (1440, 900),
+    "tablet, upright": (820, 1180),
+    "tablet, flat": (1024, 768),
+    "phone": (390, 844),
+    "phone, flat": (844, 390),
+}
+BOX = "(() => { const b = document.querySelector('%s').getBoundingClientRect(); return [b.left, b.top, b.right, b.bottom]; })()"
+
+
+def ring(shift_cm: int) -> dict[str, Any]:
+    cm: list[int | None] = [500 + shift_cm, 1501] + [None] * 70
+    return {"cm": cm, "first": 0.0, "step": 5.0, "clear": 1501, "body": True, "age_s": 0.1}
+
+
+PILOT: dict[str, Any] = {
+    "kind": "PX4",
+    "mode": "Position",
+    "armed": True,
+    "age_s": 0.4,
+    "sent": ring(0),
+    "echoed": ring(20),
+}
+
+
+@pytest.fixture(scope="module")
+def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
+    with opened(tmp_path_factory.mktemp("screens")) as browser:
+        yield browser
+
+
+@pytest.fixture(scope="module")
+def page(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Valid, blind twice, valid, blind, valid; with a position that moves north."""
+    builder = PageBuilder("test.mcap", 6)
+    for k, made in enumerate((frame(), blind(), blind(), tilted(), blind(), frame())):
+        t_ns = 2_500_000_000 + k * 100_000_000
+        builder.add(replace(made, t_ns=t_ns, sequence=k, position_ned_m=(float(k), 0.0, -2.0), autopilot=PILOT))
+    path = tmp_path_factory.mktemp("page") / "flight.html"
+    path.write_text(builder.page(), encoding="utf-8")
+    return path
+
+
+def opened_at(browser: Browser, page: Path, size: tuple[int, int], address: str = "frame=0") -> Page:
+    shown = browser.page("data:text/html,wait")
+    width, height = size
+    shown.call(
+        "Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=width < 1100
+    )
+    shown.call("Page.navigate", url=f"{page.as_uri()}#{address}")
+    shown.wait("window.app && document.body.dataset.drawn !== undefined")
+    return shown
+
+
+@pytest.mark.parametrize("size", SIZES.values(), ids=list(SIZES))
+def test_the_panel_does_not_cover_the_picture(browser: Browser, page: Path, size: tuple[int, int]) -> None:
+    with opened_at(browser, page, size) as shown:
+        left, top, right, bottom = shown.ask(BOX % "#stage")
+        panel = shown.ask(BOX % "aside")
+        assert panel[0] >= right or panel[1] >= bottom
+        assert (right - left) * (bottom - top) > 0.35 * size[0] * size[1]
+        assert shown.ask("document.documentElement.scrollWidth") == size[0]
+        for name in ("#canvas", "#views", "#legend", "#pilot"):
+            box = shown.ask(BOX % name)
+            assert left <= box[0] < box[2] <= right, name
+            assert top <= box[1] < box[3] <= bottom, name
+        for one, other in (("#legend", "#views > :last-child"), ("#legend", "#pilot")):
+            a, b = shown.ask(BOX % one), shown.ask(BOX % other)
+            assert a[2] <= b[0] or b[2] <= a[0] or a[3] <= b[1] or b[3] <= a[1], f"{one} covers {other}"
+        for name in ("#slider", "#strip", "#play", "#blind"):
+            box = shown.ask(BOX % name)
+            assert 0 <= box[0] < box[2] <= size[0], name
+            assert box[3] <= size[1], name
+        assert shown.ask("document.getElementById('pilot').textContent") == "PX4 · Position · ARMED"
+
+
+@pytest.mark.parametrize("size", [(700, 500), (844, 390), (390, 844)])
+def test_the_legend_does_not_cover_a_long_state_of_the_autopilot(
+    browser: Browser, page: Path, size: tuple[int, int]
+) -> None:
+    """In a window of 700 x 500 the name of the autopilot was behind the legend."""
+    with opened_at(browser, page, size) as shown:
+        shown.ask(
+            "document.getElementById('pilot').textContent = 'ArduPilot · mode not reported · disarmed · report old'"
+        )
+        legend, pilot = shown.ask(BOX % "#legend"), shown.ask(BOX % "#pilot")
+        assert legend[2] < pilot[0] or pilot[3] < legend[1] or legend[3] < pilot[1]
+        assert pilot[2] - pilot[0] > 100
+
+
+@pytest.mark.parametrize("size", [(568, 320), (640, 360), (320, 568)])
+def test_nothing_covers_the_state_on_a_small_phone(browser: Browser, page: Path, size: tuple[int, int]) -> None:
+    with opened_at(browser, page, size, "frame=1") as shown:
+        banner, stage = shown.ask(BOX % "#banner"), shown.ask(BOX % "#stage")
+        assert shown.ask("document.getElementById('banner').textContent").startswith("BLIND")
+        assert stage[3] - stage[1] > 0.25 * size[1]
+        for name in ("#canvas", "#views", "#legend", "#pilot", "aside", "footer"):
+            left, top, right, bottom = shown.ask(BOX % name)
+            assert right == left or (top >= banner[3] and bottom <= size[1]), f"{name} covers the state, or is cut off"
+
+
+def test_the_legend_names_what_its_scale_colours(browser: Browser, page: Path) -> None:
+    with opened_at(browser, page, SIZES["phone"]) as shown:
+        assert shown.ask("document.getElementById('ramp').textContent") == "obstacles by distance"
+        assert shown.ask(
+            "(() => { const r = document.getElementById('ramp'); return r.scrollWidth <= r.clientWidth; })()"
+        )
+        shown.ask(
+            "(() => { const by = document.getElementById('by'); by.value = 'flags'; by.dispatchEvent(new Event('change')); })()"
+        )
+        assert shown.ask("document.getElementById('ramp').textContent") == "depth image by distance"
+
+
+def test_the_panel_of_a_phone_can_be_closed(browser: Browser, page: Path) -> None:
+    with opened_at(browser, page, SIZES["phone"]) as shown:
+        before = shown.ask(BOX % "#stage")
+        shown.ask("document.getElementById('panel').click()")
+        after = shown.ask(BOX % "#stage")
+        assert after[3] - after[1] > 1.3 * (before[3] - before[1])
+
+
+def test_the_tip_at_the_lower_border_is_inside_the_window(browser: Browser, page: Path) -> None:
+    with opened_at(browser, page, SIZES["phone"]) as shown:
+        shown.wait("!document.getElementById('depth').hidden")
+        last_row = "const b = depth.getBoundingClientRect(), at = { clientX: b.left + 9, clientY: innerHeight - 5, bubbles: true }"
+        shown.ask(
+            f"{{ const depth = document.getElementById('depth'); {last_row};"
+            " depth.dispatchEvent(new PointerEvent('pointermove', at)); }"
+        )
+        assert shown.ask("document.getElementById('tip').textContent") != ""
+        box = shown.ask(BOX % "#tip")
+        assert 0 <= box[1] < box[3] <= SIZES["phone"][1]
+
+
+def test_the_sectors_are_those_of_the_autopilot(browser: Browser, page: Path) -> None:
+    with opened_at(browser, page, SIZES["desktop"]) as shown:
+        assert shown.ask("document.getElementById('sentwords').textContent") == "nearest 5.0 m; 70 of 72 unknown"
+        assert shown.ask("document.getElementById('echowords').textContent") == "nearest 5.2 m; 70 of 72 unknown"
+        pixel = "[...document.getElementById('dial').getContext('2d').getImageData(130, %d, 1, 1).data].slice(0, 3)"
+        red, green, blue = shown.ask(pixel % 20)  # the outer ring, forward: an obstacle
+        assert red > 200 > green > blue - 50
+        assert shown.ask(pixel % 240) == [0x59, 0x63, 0x6E]  # behind: unknown
+
+
+WORDS = "import('viewer/pilot').then(({ ringWords }) => ringWords(%s, %s))"
+FORWARD = "[...document.getElementById('dial').getContext('2d').getImageData(130, 20, 1, 1).data].slice(0, 3)"
+NONE_SENT = [0x27, 0x2F, 0x38]
+
+
+def test_old_sectors_are_not_shown(browser: Browser, page: Path) -> None:
+    with opened_at(browser, page, SIZES["desktop"]) as shown:
+        old = json.dumps(PILOT | {"sent": ring(0) | {"age_s": 12.2}})
+        shown.ask(f"import('viewer/pilot').then(({{ showPilot }}) => showPilot({old}, app.data.frames[0]))")
+        assert shown.ask("document.getElementById('sentwords').textContent") == "none for 12 s"
+        assert shown.ask(FORWARD) == NONE_SENT
+        assert shown.ask("document.getElementById('echowords').textContent") == "nearest 5.2 m; 70 of 72 unknown"
+
+
+def test_sectors_that_count_from_north_need_the_heading(browser: Browser, page: Path) -> None:
+    """Heading east: what lies in the north is on the left. A frame without an attitude has no heading."""
+    north = json.dumps(PILOT | {"sent": ring(0) | {"body": False}})
+    with opened_at(browser, page, SIZES["desktop"]) as shown:
+        draw = "import('viewer/pilot').then(({ showPilot }) => showPilot(%s, { attitude: %s, heading: %s }))"
+        shown.ask(draw % (north, "[0, 0, 90]", "Math.PI / 2"))
+        left = FORWARD.replace("130, 20", "20, 130")
+        red, green, blue = shown.ask(left)
+        assert red > 200 > green > blue - 50
+        assert shown.ask(FORWARD) == [0x59, 0x63, 0x6E]
+        shown.ask(draw % (north, "null", "0"))
+        assert shown.ask(FORWARD) == shown.ask(left) == NONE_SENT
+        assert "heading is not known" in shown.ask("document.getElementById('sentwords').textContent")
+
+
+def test_sectors_that_are_all_unknown_are_not_called_clear_of_obstacles(browser: Browser, page: Path) -> None:
+    with opened_at(browser, page, SIZES["desktop"]) as shown:
+        unknown = json.dumps(ring(0) | {"cm": [None] * 72})
+        assert shown.ask(WORDS % (unknown, "0")) == "all 72 unknown"
+
+
+def test_the_next_blind_moment_is_one_press_away(browser: Browser, page: Path) -> None:
+    with opened_at(browser, page, SIZES["phone"]) as shown:
+        for expected in (1, 4, 1):
+            shown.ask("document.getElementById('blind').click()")
+            shown.wait(f"document.body.dataset.drawn === '{expected}'")
+        strip = "[...document.getElementById('strip').getContext('2d').getImageData(%s, 3, 1, 1).data].slice(0, 3)"
+        assert shown.ask(strip % "5") == [0x43, 0xA0, 0x47]
+        assert shown.ask(strip % "Math.floor(document.getElementById('strip').width * 0.25)") == [0xE5, 0x39, 0x35]
+
+
+def test_a_distance_is_measured_between_two_presses(browser: Browser, page: Path) -> None:
+    with opened_at(browser, page, SIZES["desktop"], "frame=0&view=top") as shown:
+        shown.ask("app.toggleMeasure()")
+        # two points of the wall's upper edge, 4 m ahead, 0.5 m left and right, through the page's own projection
+        press = (
+            "((x) => { const v = app.eye.position.clone().set(x, 0.6, -4).project(app.eye);"
+            " const b = document.getElementById('canvas').getBoundingClientRect();"
+            " const at = { clientX: b.left + (v.x + 1) / 2 * b.width, clientY: b.top + (1 - v.y) / 2 * b.height, bubbles: true };"
+            " document.getElementById('canvas').dispatchEvent(new MouseEvent('click', at)); })(%s)"
+        )
+        shown.ask(press % -0.5)
+        shown.ask(press % 0.5)
+        text = shown.ask("document.getElementById('measured').textContent")
+        level_m = float(text.split("level ")[1].split(" m")[0])
+        assert level_m == pytest.approx(1.0, abs=0.35)  # from above a press meets the edge or the ground below it
+        shown.ask("app.toggleMeasure()")
+        assert shown.ask("document.getElementById('measured').hidden")
+
+
+def test_unknown_space_and_all_layers_can_be_shown(browser: Browser, page: Path) -> None:
+    sheets = "app.frames.group.children.filter((o) => o.isMesh && o !== app.frames.walls).map((o) => o.geometry.attributes.position.count)"
+    with opened_at(browser, page, SIZES["desktop"]) as shown:
+        both = shown.ask(sheets)
+        assert len(both) == 2
+        shown.ask("document.getElementById('unknown').click()")
+        assert shown.ask(sheets) == [6]  # one direction is free at the camera's height
+        shown.ask("(document.getElementById('layers').value = 'all', app.show(app.at))")
+        assert shown.ask(sheets) == [12]  # and in the layer above
+
+
+def test_a_frame_without_attitude_is_drawn_with_the_last_known_heading(browser: Browser, tmp_path: Path) -> None:
+    """Otherwise the vehicle points north at such a frame, and the view, which turns with it, is turned away from the scene."""
+    builder = PageBuilder("test.mcap", 2)
+    lost = replace(frame(), model=None, R_ned_frd=None, position_ned_m=None, dropped="no attitude")
+    for k, made in enumerate((tilted(), lost)):
+        builder.add(replace(made, t_ns=2_500_000_000 + k * 100_000_000, sequence=k))
+    page = tmp_path / "flight.html"
+    page.write_text(builder.page(), encoding="utf-8")
+    with opened_at(browser, page, SIZES["desktop"], "frame=0&world=ned") as shown:
+        place = "app.place(app.data.frames[app.at])"
+        before = shown.ask(place), shown.ask("app.orbit.azimuth")
+        shown.ask("app.show(1)")
+        assert (shown.ask(place), shown.ask("app.orbit.azimuth")) == before
+        assert before[0]["yaw"] == pytest.approx(0.7, abs=1e-4)
+        assert "last known heading" in shown.ask("document.getElementById('facts').textContent")
+
+
+def test_obstacles_and_trail_are_saved_as_gltf(browser: Browser, page: Path) -> None:
+    with opened_at(browser, page, SIZES["desktop"], "frame=5") as shown:
+        content = json.loads(shown.ask("app.gltf()"))
+    assert [m["name"] for m in content["meshes"]] == ["front_5", "trail"]
+    data = base64.b64decode(content["buffers"][0]["uri"].split(",", 1)[1])
+    assert len(data) == content["buffers"][0]["byteLength"]
+    accessor = content["accessors"][content["meshes"][0]["primitives"][0]["attributes"]["POSITION"]]
+    view = content["bufferViews"][accessor["bufferView"]]
+    assert accessor["count"] == 6
+    first = struct.unpack_from("<3f", data, view["byteOffset"])
+    assert first == pytest.approx((-1.0, 0.6, -4.0))  # right, up, backward
+    assert accessor["min"] == pytest.approx([-1.0, -0.8, -4.0])
+
+
+def press_space(page: Page) -> None:
+    for kind in ("keyDown", "keyUp"):
+        page.call("Input.dispatchKeyEvent", type=kind, key=" ", code="Space", text=" ", windowsVirtualKeyCode=32)
+
+
+def press(page: Page, element: str) -> None:
+    """A click with the pointer on the middle of an element."""
+    left, top, right, bottom = page.ask(BOX % element)
+    for kind in ("mousePressed", "mouseReleased"):
+        page.call(
+            "Input.dispatchMouseEvent",
+            type=kind,
+            x=(left + right) / 2,
+            y=(top + bottom) / 2,
+            button="left",
+            clickCount=1,
+        )
+
+
+def test_space_presses_the_control_that_has_the_focus_of_the_keyboard(browser: Browser, page: Path) -> None:
+    with opened_at(browser, page, SIZES["desktop"]) as shown:
+        shown.ask("document.getElementById('trail').focus()")
+        press_space(shown)
+        assert shown.ask("document.getElementById('trail').checked") is False
+        shown.ask("document.getElementById('view-top').focus()")
+        press_space(shown)
+        assert shown.ask("app.view") == "top"
+        assert shown.ask("app.playing") is False
+
+
+@pytest.mark.parametrize("control", ["#view-side", "#trail", "label:has(#trail)"])
+def test_space_plays_after_a_press_of_the_pointer(browser: Browser, page: Path, control: str) -> None:
+    with opened_at(browser, page, SIZES["desktop"]) as shown:
+        shown.ask(
+            f"document.querySelector('{control}').scrollIntoView(); window.plays = 0; app.play = () => {{ plays += 1; }}"
+        )
+        press(shown, control)
+        press_space(shown)
+        assert shown.ask("window.plays") == 1
+        assert shown.ask("app.view") == ("side" if control == "#view-side" else "behind")
+        assert shown.ask("document.getElementById('trail').checked") is (control == "#view-side")
