@@ -186,7 +186,7 @@ def blank(case: Case) -> Case:
 
 def main() -> None:
     """Flies the matrix and prints the collisions, with the trim of the edge and without it; blank poles with it alone."""
-    from tests.companion.made_up import easy_model
+    from tests.companion.small_recordings import easy_model
 
     p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     p.add_argument("every", type=int, nargs="?", default=1)

@@ -24,7 +24,7 @@ from companion.pipeline.pipeline import Pipeline
 from companion.pipeline.results import PrismsResult
 from companion.streams.publisher import Publisher, Stream
 from osape_client.proto import osape_v1_pb2 as pb
-from tests.companion.made_up import INFO, MS, START_NS, EasyExtractor, attitude, frame
+from tests.companion.small_recordings import INFO, MS, START_NS, EasyExtractor, attitude, frame
 
 pytestmark = pytest.mark.process
 

@@ -13,7 +13,7 @@ from osape_client.connect import MOST_BYTES, MOST_WORLD_BYTES
 from osape_client.proto import osape_v1_pb2 as pb
 from osape_client.world.decode import PLANE_RECORD
 from osape_client.world.mirror import WorldMirror
-from tests.companion.made_up import MS
+from tests.companion.small_recordings import MS
 from tests.waiting import until
 
 pytestmark = pytest.mark.process

@@ -33,8 +33,8 @@ from osape_client.clock import clock_ns
 from osape_client.proto import osape_v1_pb2 as pb
 from osape_client.subscriber import Message as Received
 from osape_client.world.mirror import WorldMirror
-from tests.companion.made_up import INFO, MS, START_NS, EasyExtractor, attitude, frame
 from tests.companion.pipeline.test_multi_camera import keeper, results, sees
+from tests.companion.small_recordings import INFO, MS, START_NS, EasyExtractor, attitude, frame
 from tests.ports import free_port
 from tests.waiting import until
 

@@ -21,7 +21,7 @@ from osape_client.clock import clock_ns
 from osape_client.proto import osape_v1_pb2 as pb
 from osape_client.subscriber import Message
 from osape_client.world.mirror import WorldMirror
-from tests.companion.made_up import INFO
+from tests.companion.small_recordings import INFO
 from tests.waiting import until
 
 pytestmark = pytest.mark.process

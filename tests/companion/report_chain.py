@@ -15,8 +15,8 @@ from companion.pipeline.results import PrismsResult
 from core.frames import quaternion_from_euler
 from core.types import AttitudeSample, CameraInfo, CameraMount, ExtractorState, FrameModel, Intrinsics, PoseSample
 
-from .made_up import MS, frame
 from .sector_models import model
+from .small_recordings import MS, frame
 
 NS = 1_000_000_000
 CAMERA = CameraInfo("front", Intrinsics(64, 48, 45.0, 45.0, 31.5, 23.5), CameraMount())

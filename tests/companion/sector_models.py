@@ -11,7 +11,7 @@ from companion.config.avoidance import AvoidParams
 from companion.pipeline.transform import LevelTransform
 from core.types import FrameModel, FreeEnd, FreeProfile, Ground
 
-from .made_up import easy_model
+from .small_recordings import easy_model
 
 AVOID = AvoidParams(radius_m=0.3, max_distance_m=12.0, min_distance_m=0.2)
 HERE = LevelTransform(0.0, (0.0, 0.0, 0.0))

@@ -64,7 +64,7 @@ VALUES = np.array(
 )
 
 
-def made_up(seed: int) -> tuple[Codes, Codes, ViewGeometry]:
+def random_view(seed: int) -> tuple[Codes, Codes, ViewGeometry]:
     """(depth with marks, codes of its view, view): patches of one value, so that blocks of each kind occur, and single pixels."""
     rng = np.random.default_rng(seed)
     width, height = (int(n) for n in rng.integers(30, 50, 2))
@@ -136,7 +136,7 @@ def test_a_far_pixel_is_seen_through_to_the_clear_depth_and_no_farther(pitch_deg
 @pytest.mark.nojit
 @pytest.mark.parametrize("seed", range(6))
 def test_marks_and_blocks_are_those_of_each_cell(seed: int) -> None:
-    depth, codes, view = made_up(seed)
+    depth, codes, view = random_view(seed)
     marked, gain = marked_view(depth, codes, view), view.f_px * view.lsb_per_px
     cols, rows = codes.shape
     expected, kinds = np.zeros((2, cols, rows), np.uint16), np.full((cols, rows), OUTSIDE)
@@ -165,7 +165,7 @@ def test_marks_and_blocks_are_those_of_each_cell(seed: int) -> None:
 def test_every_kind_of_block_occurs() -> None:
     found: set[int] = set()
     for seed in range(6):
-        depth, codes, view = made_up(seed)
+        depth, codes, view = random_view(seed)
         kinds = marked_view(depth, codes, view).kinds
         found |= set(np.log2(kinds).astype(int).ravel().tolist())
     assert found == {OUTSIDE, SMOOTH, MEASURED, OTHER, CONTINUED, TEXTURED}
@@ -266,7 +266,7 @@ def test_codes_of_open_cells_are_those_of_each_cell(rows: tuple[int, int, int, i
 @pytest.mark.nojit
 @pytest.mark.parametrize("limit_m", [0.0, 4.0, 11.0])
 def test_far_cells_reach_to_the_limit_of_their_column_or_to_the_range(limit_m: float) -> None:
-    _, codes, view = made_up(1)
+    _, codes, view = random_view(1)
     gain = view.f_px * view.lsb_per_px
     s = open_settings(view, 15.0, CLEAR_M, OpenSkyParams(mode="presume"))[0]
     out = np.where(codes == Q_FAR, 1 + np.arange(codes.size, dtype=np.uint16).reshape(codes.shape), codes)

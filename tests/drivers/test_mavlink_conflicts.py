@@ -180,7 +180,7 @@ def test_answers_to_timesync_that_mirror_nothing_we_asked_leave_the_clock() -> N
     assert status.counts["timesync_unpaired"] > 1900
 
 
-def test_made_up_ids_do_not_fill_the_memory() -> None:
+def test_invented_ids_do_not_fill_the_memory() -> None:
     s = ConflictDetector(196)
     for component in range(2, 256):
         (m,) = MessageSplitter().frames(frame(obstacles(), component=component))

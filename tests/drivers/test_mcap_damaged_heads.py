@@ -18,7 +18,7 @@ from companion.log.repair import leftovers, repair_file
 from drivers.logs import chunk_search
 from drivers.logs.record_scanner import Damage, Logged, McapScan
 
-from ..companion.made_up import INFO, START_NS, flight
+from ..companion.small_recordings import INFO, START_NS, flight
 from .test_mcap_file import BadSector
 from .test_mcap_limits import CHANNEL, MESSAGE, chunk, file_of
 

@@ -23,7 +23,7 @@ from drivers.logs.reader import McapRecording
 from drivers.logs.record_scanner import Damage, Logged, McapScan
 from drivers.logs.topics import TOPICS
 
-from ..companion.made_up import INFO, MS, START_NS, attitude, flight, frame, write_flight
+from ..companion.small_recordings import INFO, MS, START_NS, attitude, flight, frame, write_flight
 
 
 def read(path: Path) -> tuple[list[Event], str | None]:

@@ -15,9 +15,9 @@ from companion.pipeline.results import PrismsResult
 from core.frames import quaternion_from_euler
 from core.types import AttitudeSample, FrameModel, PoseSample
 
-from ..made_up import frame
 from ..report_chain import ARDUPILOT, AVOID, CAMERA, MS, NS, Sees
 from ..sector_models import model
+from ..small_recordings import frame
 
 CLEAR_CM = 1201
 AHEAD = [71, 0, 1]

@@ -34,9 +34,9 @@ from core.types import AttitudeSample, PoseSample
 from core.world.world import World
 
 from ..guard_sight import SIGHT
-from ..made_up import INFO, MS, START_NS, EasyExtractor, flight, frame
 from ..report_chain import AVOID, CAMERA, NS, PX4, Chain
 from ..sector_models import HERE, model, wall_at
+from ..small_recordings import INFO, MS, START_NS, EasyExtractor, flight, frame
 from .test_distance_sensor import AHEAD, BEAM
 
 JUMP = math.radians(40.0)

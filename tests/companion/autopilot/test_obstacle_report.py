@@ -20,9 +20,9 @@ from core.types import AttitudeSample, CameraMount, PoseSample
 from drivers.simulation.firmware_models.ardupilot import ArduPilotReader
 from drivers.simulation.firmware_models.px4 import Px4Reader
 
-from ..made_up import MS, frame
 from ..report_chain import ARDUPILOT, AVOID, CAMERA, CLEAR, NS, PX4, WALL, Chain, Sees
 from ..sector_models import model, wall_at
+from ..small_recordings import MS, frame
 
 
 def test_obstacles_are_moved_by_position_and_turn_to_the_moment_of_sending() -> None:

@@ -22,9 +22,9 @@ from companion.autopilot.surroundings import Surroundings
 from core.types import FrameModel
 from tests.waiting import until
 
-from ..made_up import MS
 from ..report_chain import ARDUPILOT, AVOID, CAMERA, CLEAR, FAULTS, NS, PX4, WALL, Chain, broken
 from ..sector_models import model, wall_at
+from ..small_recordings import MS
 
 
 def test_it_sees_after_good_frames_in_a_row() -> None:

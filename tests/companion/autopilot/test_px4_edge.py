@@ -13,7 +13,7 @@ from benchmarks.autopilot.edge_px4 import AVOID, CAMERA, LOOKS, Blank, Case, emp
 from companion.autopilot.camera_coverage import EDGE_MARGIN_M, MOVES_DEG, looked_into, too_near_the_edge
 from core.types import CameraInfo, CameraMount, Intrinsics
 
-from ..made_up import easy_model
+from ..small_recordings import easy_model
 
 Floats = NDArray[np.float64]
 EMPTY = empty_model(easy_model(1.0, 0.0))

@@ -11,7 +11,7 @@ from companion.batch.events import FlightEvents, FrameSummary
 from companion.batch.frame_rows import nearest_plane_m
 
 from ..fleet import NS
-from ..made_up import easy_model
+from ..small_recordings import easy_model
 
 pytest.importorskip("pyarrow", reason="the extra `batch` is not installed")
 

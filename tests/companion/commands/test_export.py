@@ -20,7 +20,7 @@ from core.types import PoseSample, Prism
 from drivers.logs.reader import McapRecording
 from osape_client.proto import osape_v1_pb2 as pb
 
-from ..made_up import MS, START_NS, flight, write_flight
+from ..small_recordings import MS, START_NS, flight, write_flight
 
 
 @pytest.fixture(scope="module")

@@ -16,7 +16,7 @@ from companion.config.sections import fields_of
 from companion.live.staleness import StalenessMonitor
 from drivers.simulation.flights import FLIGHTS
 
-from ..made_up import START_NS
+from ..small_recordings import START_NS
 
 ROOT = Path(__file__).resolve().parents[3]
 

@@ -35,7 +35,7 @@ from core.stages.model import blind_model
 from core.types import AttitudeSample, DepthFrame, InvalidCause
 from osape_client.proto import osape_v1_pb2 as pb
 
-from ..made_up import INFO, EasyExtractor, frame
+from ..small_recordings import INFO, EasyExtractor, frame
 
 MS = 1_000_000
 

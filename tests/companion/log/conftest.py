@@ -11,7 +11,7 @@ from companion.log.provenance import run_info
 from companion.pipeline.pipeline import Pipeline
 from drivers.logs.topics import TOPICS
 
-from ..made_up import INFO, START_NS, EasyExtractor, flight
+from ..small_recordings import INFO, START_NS, EasyExtractor, flight
 
 
 @pytest.fixture(scope="module")

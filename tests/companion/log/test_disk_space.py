@@ -21,7 +21,7 @@ from core.types import DepthFrame
 from drivers.logs.reader import McapRecording
 from tests.waiting import until
 
-from ..made_up import INFO, MS
+from ..small_recordings import INFO, MS
 
 pytestmark = pytest.mark.process
 

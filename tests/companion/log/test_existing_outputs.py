@@ -14,8 +14,8 @@ from companion.log.log_writer import LogWriter
 from core.types import DepthFrame
 from drivers.logs.record_scanner import MAGIC
 
-from ..made_up import flight, write_flight
 from ..recordings import write_folder
+from ..small_recordings import flight, write_flight
 
 LOG = Path(__file__).parents[2] / "data" / "street.mcap"
 RECORDED = MAGIC + b"the only copy of a flight"

@@ -23,8 +23,8 @@ from companion.pipeline.state import PipelineState
 from drivers.logs.reader import McapRecording
 from tests.waiting import until
 
-from ..made_up import INFO, MS
 from ..recordings import write_folder
+from ..small_recordings import INFO, MS
 from .test_disk_space import noise
 
 LOG = Path(__file__).parents[2] / "data" / "street.mcap"

@@ -26,7 +26,7 @@ from companion.pipeline.pipeline import Pipeline
 from core.types import AttitudeSample
 from drivers.logs.topics import TOPICS
 
-from ..made_up import INFO, MS, START_NS, EasyExtractor, attitude, flight, frame, write_flight
+from ..small_recordings import INFO, MS, START_NS, EasyExtractor, attitude, flight, frame, write_flight
 
 
 def test_info_shows_topics_rates_and_gaps(tmp_path, capsys):

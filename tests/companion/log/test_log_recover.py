@@ -19,7 +19,7 @@ from drivers.base import DriverError
 from drivers.logs.reader import McapRecording
 from drivers.logs.record_scanner import Damage, Logged, McapScan
 
-from ..made_up import INFO, START_NS, flight
+from ..small_recordings import INFO, START_NS, flight
 
 
 def payloads(path: Path) -> list[tuple[str, int, int, int, bytes]]:

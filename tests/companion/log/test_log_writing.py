@@ -14,7 +14,7 @@ from drivers.logs.reader import McapRecording
 from drivers.logs.record_scanner import Logged, McapScan
 from drivers.logs.topics import TOPICS
 
-from ..made_up import INFO, MS, START_NS, Events, flight, frame
+from ..small_recordings import INFO, MS, START_NS, Events, flight, frame
 
 
 def test_the_stock_reader_reads_a_log(whole):

@@ -24,7 +24,7 @@ from drivers.logs import codec as wire
 from drivers.logs.topics import TOPICS, camera_name_fits, find_topic
 from osape_client.proto import osape_v1_pb2 as pb
 
-from ..made_up import INFO, START_NS, EasyExtractor, attitude, easy_model, flight, frame, pose
+from ..small_recordings import INFO, START_NS, EasyExtractor, attitude, easy_model, flight, frame, pose
 
 
 def results() -> list[PrismsResult]:

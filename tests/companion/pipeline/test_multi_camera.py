@@ -20,7 +20,7 @@ from core.frames import horizontal_heading_rad, rotation_frd_optical, rotation_f
 from core.types import CameraInfo, CameraMount, PoseSample
 from osape_client.proto import osape_v1_pb2 as pb
 
-from ..made_up import INFO, MS, START_NS, EasyExtractor, attitude, frame, pose
+from ..small_recordings import INFO, MS, START_NS, EasyExtractor, attitude, frame, pose
 
 RIGHT = replace(INFO, camera="right", mount=CameraMount(yaw_rad=1.5, roll_rad=0.1, x_m=-0.1, y_m=0.3, z_m=-0.05))
 BOTH = (INFO, RIGHT)
@@ -55,7 +55,7 @@ def keeper(found: dict[str, PrismsResult]) -> AllCamerasModelBuilder:
 
 
 def corners_ned_minus_vehicle(info: CameraInfo, t_ns: int) -> np.ndarray:
-    """(N, 2) points a of the camera's planes from the vehicle, north and east: the geometry anew, from the made-up
+    """(N, 2) points a of the camera's planes from the vehicle, north and east: the geometry anew, from the drawn
     extractor's planes."""
     R_ned_frd = rotation_from_quaternion(attitude(t_ns).q_ned_frd_wxyz)
     heading = horizontal_heading_rad(R_ned_frd @ rotation_frd_optical(info.mount))

@@ -44,7 +44,7 @@ from osape_client.proto import osape_v1_pb2 as pb
 from tests.core.test_marks import assert_equal
 from tests.core.test_open_space import INFO, field
 
-from ..made_up import START_NS
+from ..small_recordings import START_NS
 
 MS = 1_000_000
 T_NS = START_NS + 50 * MS

@@ -16,7 +16,7 @@ from core.types import FrameModel, FreeProfile
 from osape_client import decode
 from osape_client.proto import osape_v1_pb2 as pb
 
-from ..made_up import INFO, EasyExtractor, easy_model, flight
+from ..small_recordings import INFO, EasyExtractor, easy_model, flight
 
 
 def with_open(model: FrameModel) -> FrameModel:

@@ -21,7 +21,7 @@ from core.frames import (
 )
 from core.types import CameraInfo, CameraMount, DepthFrame, ExtractorState, Intrinsics, InvalidCause
 
-from ..made_up import INFO, MS, START_NS, EasyExtractor, attitude, easy_model, flight, frame, pose
+from ..small_recordings import INFO, MS, START_NS, EasyExtractor, attitude, easy_model, flight, frame, pose
 
 
 def pipeline(state=None, cameras=(INFO,)) -> Pipeline:

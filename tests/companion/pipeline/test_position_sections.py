@@ -19,9 +19,9 @@ from companion.pipeline.sync import PoseAt, Synchroniser
 from core.types import PoseSample
 from core.world.world import World
 
-from ..made_up import INFO, START_NS, EasyExtractor, flight, frame
 from ..report_chain import AVOID, CLEAR, NS, PX4, Chain
 from ..sector_models import model, wall_at
+from ..small_recordings import INFO, START_NS, EasyExtractor, flight, frame
 
 Vector = tuple[float, float, float]
 MS = NS // 1000

@@ -20,7 +20,7 @@ from core.frames import quaternion_from_euler
 from core.types import AttitudeSample, PoseSample
 from drivers.base import Event
 
-from ..made_up import INFO, MS, START_NS, EasyExtractor, frame
+from ..small_recordings import INFO, MS, START_NS, EasyExtractor, frame
 
 DRIFT_DEG_S, DRIFT_M_S = 3.4, 0.25
 """A heading and a position that creep away: each step is within the limits, and their sum within 3 s is not."""
@@ -74,7 +74,7 @@ def test_frames_after_a_snapshot_are_the_same(seed: int) -> None:
         assert outcome(pipeline(states[n]), flight[cut:]) == list(chain.from_iterable(parts[n + 1 :])), cut
 
 
-def test_the_made_up_flight_jumps_and_drifts() -> None:
+def test_the_flight_jumps_and_drifts() -> None:
     """Otherwise the test above would show nothing: detected in the stored samples alone, jumps are others."""
     flight = events(0)
     first = pipeline()

@@ -31,7 +31,7 @@ from drivers.logs.topics import TOPICS
 from drivers.simulation.flight import SimulatedFlight
 from osape_client.proto import osape_v1_pb2 as pb
 
-from ..made_up import Events, flight, write_flight
+from ..small_recordings import Events, flight, write_flight
 
 SMALL = CameraInfo("front", Intrinsics(96, 72, 67.5, 67.5, 47.5, 35.5), ke_per_m=0.0015)
 

@@ -17,7 +17,7 @@ from drivers.logs.reader import McapRecording
 from drivers.simulation.flight import SimulatedFlight
 from osape_client.proto import osape_v1_pb2 as pb
 
-from ..made_up import Events
+from ..small_recordings import Events
 from .test_replay import SMALL, prisms_of
 
 

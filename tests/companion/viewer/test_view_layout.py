@@ -14,7 +14,7 @@ from companion.cli import main
 from companion.viewer.foxglove_layout import layout
 from drivers.logs.topics import TOPICS
 
-from ..made_up import write_flight
+from ..small_recordings import write_flight
 
 
 def placed(tree: Any) -> list[str]:

@@ -31,8 +31,8 @@ from drivers.logs.reader import McapRecording
 from drivers.simulation.flight import SimulatedFlight
 from osape_client.proto import osape_v1_pb2 as pb
 
-from ..made_up import INFO, EasyExtractor, flight
 from ..recordings import frames_of
+from ..small_recordings import INFO, EasyExtractor, flight
 
 
 @pytest.fixture(scope="module")

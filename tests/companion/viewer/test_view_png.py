@@ -19,7 +19,7 @@ from companion.viewer.frame import ViewFrame
 from companion.viewer.png import BANNER_PX, HEIGHT_PX, WIDTH_PX, image_place, save_frame
 from core.types import PlaneFlags, StripTable
 
-from ..made_up import write_flight
+from ..small_recordings import write_flight
 from ..view_scenes import INFO, INTRINSICS, blind, frame, model, tilted
 
 Image = NDArray[np.int32]

@@ -18,7 +18,7 @@ from companion.viewer.rerun_file import measured_mm
 from core.frames import rotation_frd_optical
 from core.types import FAR_MM, SATURATED_MM
 
-from ..made_up import write_flight
+from ..small_recordings import write_flight
 from ..view_scenes import blind, frame, tilted
 
 

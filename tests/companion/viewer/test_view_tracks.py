@@ -27,7 +27,7 @@ from drivers.logs.reader import McapRecording
 from osape_client.proto import osape_v1_pb2 as pb
 
 from ..browser import opened
-from ..made_up import INFO, EasyExtractor, flight
+from ..small_recordings import INFO, EasyExtractor, flight
 from ..view_scenes import frame
 
 

@@ -1,4 +1,4 @@
-"""Small made-up recordings: a wall that comes nearer, an attitude that turns, and an extractor that is easy to foresee."""
+"""Small recordings for tests: a wall that comes nearer, an attitude that turns, and an extractor that is easy to foresee."""
 
 from __future__ import annotations
 
