@@ -55,8 +55,8 @@ def keeper(found: dict[str, PrismsResult]) -> AllCamerasModelBuilder:
 
 
 def corners_ned_minus_vehicle(info: CameraInfo, t_ns: int) -> np.ndarray:
-    """(N, 2) points a of the camera's planes from the vehicle, north and east: the geometry anew, from the drawn
-    extractor's planes."""
+    """(N, 2) points a of the camera's planes from the vehicle, north and east: the geometry anew, from the
+    planes of the small extractor."""
     R_ned_frd = rotation_from_quaternion(attitude(t_ns).q_ned_frd_wxyz)
     heading = horizontal_heading_rad(R_ned_frd @ rotation_frd_optical(info.mount))
     lever = R_ned_frd @ np.array([info.mount.x_m, info.mount.y_m, info.mount.z_m])

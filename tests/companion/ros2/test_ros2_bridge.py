@@ -78,7 +78,7 @@ class Reader:
 
 
 class Setup:
-    """A router, a reader, and the bridge to a made-up service."""
+    """A router, a reader, and the bridge to a simulated service."""
 
     def __init__(self, scripted: ScriptedService) -> None:
         self.port = free_port()

@@ -205,7 +205,7 @@ def test_a_service_that_is_killed_is_reported_to_be_silent(page: Page, following
 
 
 def test_the_verdict_of_what_was_received(page: Page) -> None:
-    """All that the band may say, from made-up answers; the worst wins, and unknown is never valid."""
+    """All that the band may say, from given answers; the worst wins, and unknown is never valid."""
     cases = [
         ("waiting", {"answer_ms": None}),
         ("waiting", {"shown_s": None}),
