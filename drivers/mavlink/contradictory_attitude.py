@@ -14,19 +14,20 @@ from typing import Final
 NS: Final = 1_000_000_000
 KEPT_NS: Final = 2 * NS
 """Attitudes are kept for this time before the newest one: refused are stamps that are a second back."""
-APART_NS: Final = NS // 4
-"""Attitudes that are further apart are not compared."""
+APART_NS: Final = NS // 8
+"""Attitudes that are further apart are not compared: a vehicle tilts by tens of degrees and back to its rates. Those of two vehicles
+with 4 each per second are closer."""
 LEAST_RAD: Final = math.radians(3.0)
-RATE_CHANGE_RAD_S2: Final = 10.0
-"""Largest change of the rates between two attitudes that these do not show: up and back within the time between them."""
+RATE_CHANGE_RAD_S2: Final = 40.0
+"""Largest change of the rates between two attitudes that these do not show: up and back within the time between them. A multirotor
+begins or ends to tilt with 220 degrees a second (PX4, MC_ROLLRATE_MAX) within 0.1 s."""
 UNKNOWN_RATE_RAD_S: Final = 6.0
 """Largest rate of attitudes whose rates are not known."""
 ROUNDING_NS: Final = 1_000_000
 """Timestamps have a resolution of a millisecond."""
 FEWEST: Final = 5
 WITHIN_NS: Final = 2 * NS
-"""So many contradictions within this time are not resets of the estimate: two resets, each with a message that arrives late, are
-four."""
+"""So many contradictions within this time are not resets of the estimate: each is one."""
 LASTS_NS: Final = 10 * NS
 """No attitude is used for this time after contradictions."""
 
@@ -35,7 +36,7 @@ Vector = tuple[float, float, float]
 
 
 class ContradictoryAttitude:
-    """Takes all attitudes of the autopilot's ids in order of arrival."""
+    """Takes all attitudes of one kind of the autopilot's ids in order of arrival."""
 
     def __init__(self) -> None:
         self._stamps: list[int] = []
@@ -51,7 +52,10 @@ class ContradictoryAttitude:
         at = bisect_left(self._stamps, boot_ns)
         new = (q_ned_frd_wxyz, rates_rad_s)
         beside = range(max(0, at - 1), min(at + 1, len(self._stamps)))
-        if any(_contradict(new, self._attitudes[k], abs(boot_ns - self._stamps[k])) for k in beside):
+        near = [(self._attitudes[k], abs(boot_ns - self._stamps[k])) for k in beside]
+        near = [(other, apart_ns) for other, apart_ns in near if apart_ns <= APART_NS]
+        # of a single turn that is not explained, at a reset, a late message fits the attitudes on one side
+        if near and all(_contradict(new, other, apart_ns) for other, apart_ns in near):
             self._contradictions.append(arrival_ns)
         self._stamps.insert(at, boot_ns)
         self._attitudes.insert(at, new)
@@ -67,8 +71,6 @@ class ContradictoryAttitude:
 
 def _contradict(a: tuple[Quaternion, Vector | None], b: tuple[Quaternion, Vector | None], apart_ns: int) -> bool:
     """Returns whether the vehicle would have turned between two attitudes by more than the rates at both explain."""
-    if apart_ns > APART_NS:
-        return False
     apart_s = (apart_ns + ROUNDING_NS) / NS
     rates = [math.hypot(*r) for r in (a[1], b[1]) if r is not None]
     most_rad = LEAST_RAD + max(rates, default=UNKNOWN_RATE_RAD_S) * apart_s

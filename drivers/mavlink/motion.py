@@ -69,7 +69,8 @@ class MotionDecoder:
         """two_clocks_answer: returns whether requests of TIMESYNC are answered by two clocks, at a local instant."""
         self._clock = clock
         self._two_clocks_answer = two_clocks_answer
-        self._contradictory = ContradictoryAttitude()
+        # of each kind: older versions of ArduPilot correct ATTITUDE alone by AHRS_TRIM
+        self._contradictory = {kind: ContradictoryAttitude() for kind in (ATTITUDE_ID, ATTITUDE_QUATERNION_ID)}
         self._quaternion_ns: int | None = None
         self._odometry_ns: int | None = None
         self._local_ns: int | None = None
@@ -117,7 +118,7 @@ class MotionDecoder:
 
     def two_vehicles(self, now_ns: int) -> bool:
         """Returns whether a second vehicle sends with the autopilot's ids: two clocks answer, or attitudes contradict each other."""
-        return self._two_clocks_answer(now_ns) or self._contradictory.found(now_ns)
+        return self._two_clocks_answer(now_ns) or any(c.found(now_ns) for c in self._contradictory.values())
 
     def _whose_is_unknown(self, now_ns: int) -> bool:
         """Returns whether messages may be of a second vehicle: also where timestamps contradict each other and no answer shows
@@ -173,7 +174,7 @@ class MotionDecoder:
         if not self._accepted(boot_ns, arrival_ns) or self._repeats_itself(kind, boot_ns, numbers, arrival_ns):
             return None
         rates = measured_rates(numbers[-3:])
-        self._contradictory.take(boot_ns, arrival_ns, q, rates)
+        self._contradictory[kind].take(boot_ns, arrival_ns, q, rates)
         t_ns = self._stamp(boot_ns, HALF_MS, arrival_ns)
         return None if t_ns is None else AttitudeSample(t_ns, arrival_ns, q, rates, self._stamp_error_ns())
 

@@ -12,7 +12,7 @@ from drivers.mavlink.clock_sync import ClockFilter
 from drivers.mavlink.contradictory_attitude import LASTS_NS, ContradictoryAttitude
 from drivers.mavlink.dialect import dialect
 from drivers.mavlink.parser import MessageSplitter
-from drivers.mavlink.session_types import PX4
+from drivers.mavlink.session_types import ATTITUDE_ID, PX4
 from drivers.mavlink.timesync import TimeSync
 from drivers.simulation.autopilot import SimulatedAutopilot
 from drivers.simulation.firmware_profile import FirmwareProfile
@@ -111,6 +111,42 @@ def test_resets_of_the_heading_and_late_messages_are_no_second_vehicle(hz: int) 
         q = quaternion_from_euler(0.1, 0.1, math.remainder(yaw, math.tau))
         found.take(round(t_s * NS), n * NS // hz, q, (0.0, 0.0, rate_rad_s))
         assert not found.found(n * NS // hz)
+
+
+@pytest.mark.parametrize("hz", [4, 5, 6, 8, 10, 20])
+def test_quick_movements_between_messages_are_no_second_vehicle(hz: int) -> None:
+    """The vehicle rests at each message. Between them it rolls, by turns to both sides, up to 220 degrees a second that it reaches
+    and ends with 38 rad/s^2."""
+    found = ContradictoryAttitude()
+    peak_rad_s = min(math.radians(220.0), 38.0 / (2 * hz))
+    moved_rad = peak_rad_s / hz - peak_rad_s**2 / 38.0
+    for k in range(4 * hz):
+        t_ns = k * NS // hz
+        found.take(t_ns, t_ns, quaternion_from_euler(moved_rad * (k % 2), 0.1, 0.0), (0.0, 0.0, 0.01))
+        assert not found.found(t_ns)
+
+
+def test_messages_of_a_slow_route_around_one_reset_are_no_second_vehicle() -> None:
+    """The heading is reset at 1 s. The quick route loses the ten messages before the reset, which a slow route delivers later."""
+    found = ContradictoryAttitude()
+    for n, k in enumerate([*range(40), *range(50, 60), *range(40, 50), *range(60, 100)]):
+        yaw = 1.0 if k >= 50 else 0.0
+        found.take(k * 20 * MS, n * 20 * MS, quaternion_from_euler(0.1, 0.1, yaw), (0.0, 0.0, 0.01))
+        assert not found.found(n * 20 * MS)
+
+
+def test_kinds_of_attitude_that_differ_are_no_second_vehicle() -> None:
+    """Older versions of ArduPilot correct ATTITUDE by AHRS_TRIM, and not ATTITUDE_QUATERNION. Until stamps are used, both are examined."""
+    c = talk(PX4, motion=turning, boot_at_ns=0, answers_timesync=False)
+    c.lost = frozenset({ATTITUDE_ID})
+    for _ in range(12 * 50):
+        c.run(0.02)
+        state, boot_ms = turning(c.now_ns), c.autopilots[0].boot_ns(c.now_ns) // MS
+        trimmed = (math.radians(5.0), 0.0, state.euler_rad[2])
+        attitude = dialect.MAVLink_attitude_message(boot_ms, *trimmed, *state.rates_frd_rad_s)
+        c.session.receive([(bytes(attitude.pack(dialect.MAVLink(None, 1, 1))), c.now_ns + c.delay_ns)])
+    assert c.session.status(c.now_ns).conflicts == {}
+    assert len(c.samples) > 50
 
 
 def test_a_reboot_is_no_second_vehicle() -> None:
