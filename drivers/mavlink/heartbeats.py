@@ -50,9 +50,8 @@ class Arrivals:
 
     def earliest_ns(self, read_ns: int) -> int:
         """Returns the earliest instant at which bytes that are read now can have arrived. Called for each read that returns
-        bytes: a link that was silent for longer than PAUSE_NS counts as a pause too, since a router or a radio may have held back
-        what arrives then. The instant is too early, never too late. A heartbeat after a message of motion was sent after that was
-        measured, which the session knows once the clocks are synchronised."""
+        bytes: a link that was silent for longer than PAUSE_NS counts as a pause too, so that the instant is too early, never
+        too late."""
         newest_ns, self._newest_ns = self._newest_ns, read_ns
         if newest_ns is not None and read_ns - newest_ns > PAUSE_NS:
             if newest_ns >= self._until_ns:  # otherwise the buffer may still hold messages of the pause before

@@ -107,7 +107,6 @@ class MavlinkSession:
         self._heartbeats = Heartbeats()
         self._arrivals = Arrivals()
         self._earliest_ns = 0  # at which the newest chunk can have arrived
-        self._sent_ns = 0  # after which the autopilot sent what follows its newest message of motion
 
     # ---- in -----------------------------------------------------------------------------------------------------
 
@@ -206,8 +205,6 @@ class MavlinkSession:
         if not self._motion.wants(frame.id, arrival_ns):
             return None
         sample = self._motion.decode(frame, arrival_ns)
-        if sample is not None and self.clock.estimate.source is ClockSource.TIMESYNC:
-            self._sent_ns = max(self._sent_ns, sample.t_ns - sample.stamp_error_ns)
         self._follow_clock()
         return sample
 
@@ -277,7 +274,7 @@ class MavlinkSession:
             int(m.type),
             bool(int(m.base_mode) & MAV_MODE_FLAG_SAFETY_ARMED),
             int(m.custom_mode),
-            max(self._earliest_ns, self._sent_ns),
+            self._earliest_ns,
             data[0] == MAVLINK1,
             int(m.system_status),
         )

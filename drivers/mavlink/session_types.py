@@ -49,7 +49,7 @@ class Vehicle:
     vehicle_type: int
     armed: bool
     custom_mode: int
-    # earliest instant at which the newest heartbeat was sent or arrived, see heartbeats.Arrivals; 0: none since the start
+    # earliest arrival of the newest heartbeat, see heartbeats.Arrivals; 0: none since the start
     heartbeat_ns: int
     mavlink_1: bool = False
     system_status: int = 0  # MAV_STATE; 0: not known
