@@ -3,8 +3,9 @@
 The files of a flight are FLIGHT.000.mcap, FLIGHT.001.mcap, ...; FLIGHT is the wall clock's date and time, and from 2 on the
 number of times that this clock was behind an earlier flight and one: flights are in the order of this number, then of the
 date. A file that begins while the autopilot reports a disarmed vehicle is FLIGHT.000.idle.mcap; it ends when
-the vehicle is armed. A file being written ends in .active; an original that a repair could not copy completely in .damaged. When the budget is used, idle files are deleted first, then the
-oldest files of finished flights; other files of a flight that is being recorded are kept, also those of another process."""
+the vehicle is armed. A file being written ends in .active, an original that a repair could not copy completely in .damaged.
+When the budget is used, idle files are deleted first, then the oldest files of finished flights; other files of a flight that
+is being recorded are kept, also those of another process."""
 
 from __future__ import annotations
 

@@ -9,8 +9,6 @@ import re
 import struct
 from typing import BinaryIO, Final
 
-from mcap.opcode import Opcode
-
 from .chunk import PARSE_ERRORS, unpacked
 
 FRAME: Final = struct.Struct("<BQ")
@@ -35,17 +33,18 @@ def next_chunk(stream: BinaryIO, begin: int, size: int) -> int | None:
         part = _read(stream, at, _PART + _BEFORE + _LONGEST)
         for match in _COMPRESSION.finditer(part, _BEFORE):
             place = at + match.start() - _BEFORE
-            if _is_chunk(stream, place, size):
+            if is_chunk(stream, place, size):
                 return place
     return None
 
 
-def _is_chunk(stream: BinaryIO, place: int, size: int) -> bool:
-    head = _read(stream, place, FRAME.size)
-    if len(head) < FRAME.size:
+def is_chunk(stream: BinaryIO, place: int, size: int) -> bool:
+    """Whether a whole compressed chunk begins there, with whatever opcode. size: of the file."""
+    head = _read(stream, place, _BEFORE + _LONGEST)
+    if _COMPRESSION.match(head, _BEFORE) is None:
         return False
-    opcode, length = FRAME.unpack(head)
-    if opcode != Opcode.CHUNK or length > min(MAX_RECORD_BYTES, size - place - FRAME.size):
+    _, length = FRAME.unpack_from(head)
+    if length > min(MAX_RECORD_BYTES, size - place - FRAME.size):
         return False
     try:
         unpacked(_read(stream, place + FRAME.size, length), whole=True)

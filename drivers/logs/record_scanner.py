@@ -23,7 +23,7 @@ from mcap.records import Attachment, Channel, Footer, Header, Message, Metadata,
 
 from ..regular_file import regular
 from .chunk import PARSE_ERRORS, stored_bytes, unpacked
-from .chunk_search import FRAME, MAX_RECORD_BYTES, next_chunk
+from .chunk_search import FRAME, MAX_RECORD_BYTES, is_chunk, next_chunk
 from .summary import Summary, summary_of
 
 MAGIC: Final = b"\x89MCAP0\r\n"
@@ -131,10 +131,13 @@ class McapScan:
             opcode, length = FRAME.unpack(frame)
             if opcode == 0 and self._only_zeros(at):
                 break
+            if opcode != Opcode.CHUNK and is_chunk(self._stream, at, self.size):
+                yield Damage(at, f"a chunk begins with 0x{opcode:02x}")
+                opcode = Opcode.CHUNK
             if not _known(opcode):
                 return (yield from self._broken(at, f"no record begins with 0x{opcode:02x}"))
             if at + FRAME.size + length > self.size:
-                return (yield from self._longer_than_file(at, opcode))
+                return (yield from self._end(at, opcode))
             ended = ended or opcode == Opcode.FOOTER
             yield from self._record(at, opcode, length)
             if self._records_left < 0:
@@ -142,25 +145,31 @@ class McapScan:
                 yield Damage(at, f"the file has more records than the limit of {most} for its size")
                 return None
             at += FRAME.size + length
-        yield Damage(at, _NO_END, end=True)
-        return None
+        return (yield from self._end(at))
 
     def _broken(self, at: int, cause: str) -> Generator[Item, None, int | None]:
         """A record whose head cannot be read. Returns the place of the next chunk."""
-        found = next_chunk(self._stream, self._checked, self.size)
+        found = self._next_chunk()
         yield Damage(at, cause)
         return found
 
-    def _longer_than_file(self, at: int, opcode: int) -> Generator[Item, None, int | None]:
-        """A record that states a length beyond the end of the file: the file is truncated, or the length is damaged where a
-        whole chunk follows. Returns the place of that."""
-        found = next_chunk(self._stream, self._checked, self.size)
+    def _end(self, at: int, opcode: int = 0) -> Generator[Item, None, int | None]:
+        """The records end there, or one that states a length beyond the end of the file begins: the file is truncated, or a length is
+        damaged where a whole chunk was not read. Returns the place of that. opcode: of the record."""
+        found = self._next_chunk()
         if found is None:
             if opcode == Opcode.CHUNK and self.size - at <= MAX_RECORD_BYTES:
                 yield from self._record(at, opcode, self.size - at - FRAME.size, whole=False)
             yield Damage(at, _NO_END, end=True)
         else:
-            yield Damage(at, "the length of the record is damaged")
+            yield Damage(at, "the length of this record, or of one before it, is damaged")
+        return found
+
+    def _next_chunk(self) -> int | None:
+        """The place of the next chunk that was not read. Each is returned once: reading it may fail where the search did not."""
+        found = next_chunk(self._stream, self._checked, self.size)
+        if found is not None:
+            self._checked = found + 1
         return found
 
     def _damaged_summary(self, at: int) -> Iterator[Item]:

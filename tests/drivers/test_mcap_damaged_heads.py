@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import itertools
 import struct
 from pathlib import Path
 from typing import Any
@@ -85,7 +86,7 @@ def test_a_repair_keeps_what_follows_a_damaged_head(chunk_number: int, kept: int
     """The copy ended at the damaged head, and the original with all later messages was deleted. Where the first chunk with images
     is lost, so is the description of their channel: then the messages are in the original alone."""
     place = chunks(killed.read_bytes())[chunk_number][0]
-    bad = flipped(tmp_path / killed.name, killed, place, 0x20)
+    bad = flipped(tmp_path / killed.name, killed, place + 5, 0x20)
     content = bad.read_bytes()
     result = repair_file(bad)
     copy, original = sorted(tmp_path.iterdir())
@@ -97,6 +98,50 @@ def test_a_repair_keeps_what_follows_a_damaged_head(chunk_number: int, kept: int
     assert leftovers(tmp_path, "") == []
     assert make_room(tmp_path, 0, "") != []
     assert list(tmp_path.iterdir()) == [], "the budget deletes both"
+
+
+@pytest.mark.parametrize("bit", range(8))
+def test_a_chunk_with_a_damaged_opcode_is_read(bit: int, killed: Path, tmp_path: Path) -> None:
+    """As a record that is not read, or a private one, it was passed over without a report, and the repair deleted the original."""
+    place = chunks(killed.read_bytes())[3][0]
+    bad = flipped(tmp_path / killed.name, killed, place, 1 << bit)
+    assert f"it is damaged at byte {place} (a chunk begins with 0x{Opcode.CHUNK ^ 1 << bit:02x})" in repair_file(bad)
+    copy, _ = sorted(tmp_path.iterdir())
+    assert messages(copy) == messages(killed)
+
+
+@pytest.mark.parametrize("tail", [bytes(1 << 20), bytes(5), b""], ids=["zeros", "less than a head", "nothing"])
+def test_a_length_that_leads_to_the_end_of_the_file_does_not_lose_what_follows(
+    tail: bytes, killed: Path, tmp_path: Path
+) -> None:
+    """The end, or zeros that a power failure left there, was taken for the end of the records, and the original was deleted."""
+    data = bytearray(killed.read_bytes())
+    place = chunks(data)[3][0]
+    struct.pack_into("<Q", data, place + 1, len(data) - place - 9)
+    bad = tmp_path / killed.name
+    bad.write_bytes(data + tail)
+    assert "is the original, kept because it is damaged" in repair_file(bad)
+    copy, _ = sorted(tmp_path.iterdir())
+    assert messages(copy) == messages(killed)
+
+
+def test_a_chunk_that_the_search_can_read_and_the_pass_cannot_is_tried_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A damaged disk may read a place now and then."""
+    path = file_of(tmp_path / "a.mcap", [chunk(CHANNEL + MESSAGE, "zstd"), bytes([0x7F])])
+
+    def read_at(scan: McapScan, at: int, length: int) -> bytes:
+        if length > 9:
+            raise OSError(5, "Input/output error")
+        return path.read_bytes()[at : at + length]
+
+    monkeypatch.setattr(McapScan, "_read_at", read_at)
+    scan = McapScan(path)
+    found = list(itertools.islice(scan.items(), 10))
+    scan.close()
+    assert len(found) == 4
+    assert all(isinstance(item, Damage) for item in found)
 
 
 def test_a_length_that_leads_over_whole_chunks_does_not_lose_them(killed: Path, tmp_path: Path) -> None:
