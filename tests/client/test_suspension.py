@@ -119,7 +119,7 @@ def test_a_message_that_waited_in_the_socket_during_a_suspension_is_stale(
     with TracksSubscriber(address(socket), timeout_s=60.0) as client:
         assert client.wait(0.0) is None
         send(socket, content.SerializeToString())
-        assert until(lambda: client._socket._socket.socket.poll(0) > 0)
+        assert until(lambda: client._socket.socket.poll(0) > 0)
         suspend(100.0)
         received = client.wait(60.0)
         assert received is not None
