@@ -18,6 +18,7 @@ from osape_client.neighbours import NeighbourObstacles, no_obstacles
 from osape_client.neighbours_subscriber import NeighboursSubscriber
 from osape_client.proto import osape_v1_pb2 as pb
 from osape_client.query.space import Occupancy
+from osape_client.tracks_subscriber import TracksSubscriber
 
 WALL = (5.0, -3.0, 5.0, 3.0, -4.0, 0.0)
 
@@ -118,6 +119,17 @@ def test_the_subscriber_returns_obstacles_of_the_present(tmp_path: Path) -> None
             if not found.movers:
                 break
         assert not found.movers
+
+
+def test_tracks_without_their_end_are_not_used(tmp_path: Path) -> None:
+    """Their age was taken for 0."""
+    address = f"ipc://{tmp_path}/tracks"
+    with zmq.Context() as context, context.socket(zmq.PUB) as socket:
+        socket.bind(address)
+        with TracksSubscriber(address) as subscriber:
+            while not subscriber.undecodable:
+                socket.send(pb.Tracks(schema_version=1).SerializeToString())
+                assert subscriber.wait(0.1) is None
 
 
 def test_a_message_without_its_end_does_not_replace_an_earlier_one(tmp_path: Path) -> None:
