@@ -42,7 +42,7 @@ class Cover(NamedTuple):
 
     evidence: Any  # Evidence
     openings: Any  # OpeningMasks
-    run: NDArray[np.int32]  # (R + 2,) int32 scratch
+    run: NDArray[np.int32]  # (2, R + 2) int32 scratch
 
 
 CELL_PX = 8
@@ -50,8 +50,7 @@ CELL_PX = 8
 _ROUGH_M = 0.2
 """A strip that is not smooth is evidence as if it were nearer by this: its pixels, as those of leaves, are scattered."""
 _TALL_GAPS = 3.0
-"""An area wider than half of gap_m, behind which a strip was measured, is at most this many times gap_m high. Rows count
-from the end of its first square on."""
+"""An area wider than half of gap_m, behind all of which strips were measured, is at most this many times gap_m high."""
 _OUTSIDE = 1e6
 """1/x of a cell outside of the source image, greater than that of any obstacle."""
 
@@ -135,7 +134,7 @@ def uncovered_share(joined, a, b, p, q, settings, cover):
     """Returns the share of the cells of a joined rectangle that are not blocked; 2 if it must not be made.
 
     It must not be made if it contains an empty square with a side of gap_m, an empty area of half that width and
-    _TALL_GAPS times that height behind which a strip was measured, or an open cell (openings.py) that lies more than
+    _TALL_GAPS times that height behind all of which strips were measured, or an open cell (openings.py) that lies more than
     opening_slack_m inside its border and in neither p nor q. A cell is blocked by a strip that is not behind
     `farthest_evidence`.
 
@@ -143,11 +142,11 @@ def uncovered_share(joined, a, b, p, q, settings, cover):
         joined: Rectangle on the line.
         a, b: line s = a + b t.
         p, q: Rectangles of the two planes, with heights at the joined line."""
-    evidence, run = cover.evidence, cover.run
+    evidence, run, beside = cover.evidence, cover.run[0], cover.run[1]
     grid = evidence.nearest
     i0 = max(0, first_cell(joined.t0 * evidence.across + evidence.cu))
     i1 = min(grid.shape[0], first_cell(joined.t1 * evidence.across + evidence.cu))
-    run[:] = 0
+    cover.run[:] = 0
     cells, empty = 0, 0
     for i in range(i0, i1):
         t = (i + 0.5 - evidence.cu) / evidence.across
@@ -158,21 +157,20 @@ def uncovered_share(joined, a, b, p, q, settings, cover):
         limit = farthest_evidence(s, settings)
         longest = settings.gap_m * min(evidence.across, evidence.down) * s
         slack = settings.opening_slack_m * down
-        # rows up to this one that end an empty square wider than half of gap_m, behind which a strip was measured
-        tall = 0
+        tall = 0  # rows up to this one whose cells, to the left over half of gap_m, have a strip behind the line
         corner = run[j0]
         run[j0] = 0
         for j in range(j0, j1):
             above = corner
             corner = run[j + 1]
             if grid[i, j] >= limit:
-                run[j + 1] = 0
-                tall = 0
+                run[j + 1] = beside[j] = tall = 0
                 continue
             empty += 1
             side = 1 + min(above, min(corner, run[j]))
             run[j + 1] = side
-            tall = tall + 1 if grid[i, j] > 0.0 and 2 * side > longest else 0
+            beside[j] = beside[j] + 1 if grid[i, j] > 0.0 else 0
+            tall = tall + 1 if 2 * beside[j] > longest else 0
             if side > longest or tall > _TALL_GAPS * longest:
                 return 2.0
             if slack < j + 0.5 - j0 and slack < j1 - j - 0.5 and slack < i + 0.5 - i0 and slack < i1 - i - 0.5:

@@ -48,7 +48,7 @@ def shape_planes(strips, view, source, settings, openings, planes):
     planes_from_tracks(tracks, found, p, tables)
     measure_planes(strips, view, p, tracks, tables)
     evidence = find_evidence(table, n, view, source[0])
-    cover = Cover(evidence, openings, np.zeros(evidence.nearest.shape[1] + 2, np.int32))
+    cover = Cover(evidence, openings, np.zeros((2, evidence.nearest.shape[1] + 2), np.int32))
     join_planes(tracks, tables, p, cover)
     merged = compact_planes(tracks, tracks, tables)
     measure_planes(strips, view, p, merged, tables)

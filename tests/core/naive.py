@@ -286,7 +286,7 @@ def components(place, ws, hs):
 
 def uncovered_share(rect, a, b, p, q, behind_m, noise_s, gap_m, slack_m, grid, frame, mask):
     """Share of the empty cells of a rectangle (t0, t1, top, bottom) on s = a + b t; 2 with too large a square of them, too
-    tall an area of them behind which something was measured, or an open one that neither p nor q has; mask: open cells at
+    tall an area of them behind all of which something was measured, or an open one that neither p nor q has; mask: open cells at
     its distance, the same grid."""
     across, down, cu, cv = frame
     inside, empty = {}, set()
@@ -303,8 +303,8 @@ def uncovered_share(rect, a, b, p, q, behind_m, noise_s, gap_m, slack_m, grid, f
         if all((i - di, j - dj) in empty for di in range(side) for dj in range(side)):
             return 2.0
         wide, high = 1 + int(0.5 * gap_m * min(across, down) * s), 1 + int(TALL_GAPS * gap_m * min(across, down) * s)
-        area = [(i - di, j - d) for di in range(wide) for d in range(high + wide - 1)]
-        if empty.issuperset(area) and all(grid[i, j - d] > 0.0 for d in range(high)):
+        area = [(i - di, j - d) for di in range(wide) for d in range(high)]
+        if empty.issuperset(area) and all(grid[cell] > 0.0 for cell in area):
             return 2.0
         columns, rows = {k for k, _ in inside}, {r for k, r in inside if k == i}
         rim = min(i - min(columns), max(columns) - i, j - min(rows), max(rows) - j) + 0.5

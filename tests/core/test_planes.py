@@ -32,7 +32,7 @@ P = Params()
 
 
 OPEN_EVERYWHERE = CLOSED._replace(masks=np.ones_like(CLOSED.masks))
-COVER = Cover(Evidence(np.zeros((20, 20), np.float32), F / 8, F / 8, 10.0, 10.0), CLOSED, np.zeros(22, np.int32))
+COVER = Cover(Evidence(np.zeros((20, 20), np.float32), F / 8, F / 8, 10.0, 10.0), CLOSED, np.zeros((2, 22), np.int32))
 """Nothing was measured, and there is no opening."""
 
 
@@ -197,17 +197,22 @@ def test_walls_do_not_meet_over_an_opening() -> None:
     np.testing.assert_array_equal(planes, before)
 
 
+@pytest.mark.parametrize("side", [1, -1])
 @pytest.mark.parametrize(("nearest_m", "meet"), [(math.inf, True), (6.2, True), (9.0, False)])
-def test_walls_do_not_meet_over_what_was_measured_behind_them(nearest_m: float, meet: bool) -> None:
-    """As under a lintel: the cell of the view between the two walls is not measured, shows the first wall, or shows what is 3 m
-    behind it."""
-    planes = plane_table((6.0, -2.0, 6.0, 1.6, -1, 1), (5.9, 2.0, 3.0, 2.0, -1, 1))
-    before, nearest = planes.copy(), np.zeros((20, 20), np.float32)
-    nearest[13, 10] = 1.0 / nearest_m
+def test_walls_do_not_meet_over_what_was_measured_behind_them(nearest_m: float, meet: bool, side: int) -> None:
+    """As under a lintel: the cell of the view between the two walls is not measured, shows the longer wall, or shows what is
+    3 m behind it. side: 1 where that wall is the left one."""
+    left, right = (6.0, -2.0, 6.0, 1.6), (5.9, 2.0, 3.0, 2.0)
+    if side < 0:
+        left, right = (3.0, -2.0, 5.9, -2.0), (6.0, -1.6, 6.0, 2.0)
+    planes, nearest = plane_table((*left, -1, 1), (*right, -1, 1)), np.zeros((20, 20), np.float32)
+    before = planes.copy()
+    nearest[13 if side > 0 else 6, 10] = 1.0 / nearest_m
     cover = COVER._replace(evidence=COVER.evidence._replace(nearest=nearest))
     refine.extend_to_corners(2, planes, plain(reach_t=40 / F), cover)
     if meet:
-        assert ends(planes[0])[2:] == pytest.approx((6.0, 2.0))
+        assert ends(planes[0])[2:] == pytest.approx((6.0, 2.0 * side))
+        assert ends(planes[1])[:2] == pytest.approx((6.0, 2.0 * side))
     else:
         np.testing.assert_array_equal(planes, before)
 
