@@ -31,7 +31,7 @@ def parts(silent: str = "", age_ns: int = 0, started: bool = True) -> Parts:
             started=SimpleNamespace(is_set=lambda: started), alive_ns=alive_ns("the pipeline")
         ),
         "link": SimpleNamespace(state=SimpleNamespace(alive_ns=alive_ns("the link to the autopilot"))),
-        "avoidance": SimpleNamespace(sender=SimpleNamespace(alive_ns=alive_ns("the obstacle sender"))),
+        "obstacle_output": SimpleNamespace(sender=SimpleNamespace(alive_ns=alive_ns("the obstacle sender"))),
         "guard": SimpleNamespace(alive_ns=alive_ns("the guard")),
         "cameras": {
             "front": SimpleNamespace(status=SimpleNamespace(alive_ns=alive_ns("the supervision of camera front"))),
