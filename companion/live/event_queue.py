@@ -31,7 +31,7 @@ class EventQueue:
         self.lost = 0
 
     def put(self, items: Sequence[Item]) -> None:
-        """Adds samples, raw frames or a camera's description."""
+        """Adds samples, MAVLink messages or a camera's description."""
         with self._changed:
             self._items.extend(items)
             self._drop_oldest()

@@ -97,24 +97,24 @@ class Vehicle:
 
 
 class Companion:
-    """What the service has, without its processes: link, pipeline, avoidance."""
+    """What the service has, without its processes: link, pipeline, obstacle output."""
 
     def __init__(self, address: str, avoid: AvoidParams = AVOID) -> None:
         self.waiting: deque[AttitudeSample | PoseSample] = deque()
-        session = MavlinkSession(on_message=lambda message, t_ns: self.avoidance.message(message, t_ns))
+        session = MavlinkSession(on_message=lambda message, t_ns: self.obstacle_output.message(message, t_ns))
         self.link = MavlinkLink(parse_address(address), session, self._samples)
-        self.avoidance = ObstacleOutput(
+        self.obstacle_output = ObstacleOutput(
             avoid,
             CameraUse(cameras=("front",), timeout_s=0.3),
             line_of(session, self.link),
         )
-        self.avoidance.announce(CAMERA)
+        self.obstacle_output.announce(CAMERA)
         self._pipeline = Pipeline((CAMERA,), lambda info: Extractor(PARAMS))
         self.frames = 0
 
     def _samples(self, samples: list[AttitudeSample | PoseSample]) -> None:
         self.waiting.extend(samples)
-        self.avoidance.samples(samples)
+        self.obstacle_output.samples(samples)
 
     def see(self, scene: Scene, state: VehicleState, t_ns: int) -> None:
         """A frame that was exposed at t_ns."""
@@ -131,7 +131,7 @@ class Companion:
         )
         for output in self._pipeline.handle(frame):
             if isinstance(output, PrismsResult):
-                self.avoidance.result(output)
+                self.obstacle_output.result(output)
 
 
 @contextmanager
@@ -149,11 +149,11 @@ def flying(
     with AutopilotLink(vehicle.autopilot, end) as running:
         companion = Companion(address, avoid)
         companion.link.open()
-        companion.avoidance.open()
+        companion.obstacle_output.open()
         try:
             yield vehicle, companion, running
         finally:
-            companion.avoidance.close()
+            companion.obstacle_output.close()
             companion.link.close()
 
 
@@ -185,7 +185,7 @@ def fly_on(
     while time.monotonic_ns() < end_ns:
         t_ns = time.monotonic_ns()
         state: VehicleState = running.change(lambda a, t_ns=t_ns: vehicle.state(t_ns))
-        companion.avoidance.tick(t_ns)
+        companion.obstacle_output.tick(t_ns)
         if state.position_ned_m[0] < dies_at_m:
             vehicle.exposed_ns = t_ns
             companion.see(scene, state, t_ns)
@@ -232,7 +232,7 @@ def test_ardupilot_stops_before_a_wall_of_points_and_receives_the_ground_distanc
         kinds = {m.get_type() for m in sent}
         assert "OBSTACLE_DISTANCE_3D" in kinds
         assert "OBSTACLE_DISTANCE" not in kinds
-        found = companion.avoidance.diagnostics(time.monotonic_ns())
+        found = companion.obstacle_output.diagnostics(time.monotonic_ns())
         assert "obstacles_not_accepted" not in [d.code for d in found]  # its echoes are those of OBSTACLE_DISTANCE
         down = [m.current_distance for m in sent if m.get_type() == "DISTANCE_SENSOR" and m.orientation == DOWNWARD]
         assert down

@@ -54,14 +54,14 @@ class Flown:
         self.line, self.kind = line, kind
         self.waiting: deque[AttitudeSample | PoseSample] = deque()
         self.cause = ""
-        session = MavlinkSession(on_message=lambda message, t_ns: self.avoidance.message(message, t_ns))
+        session = MavlinkSession(on_message=lambda message, t_ns: self.obstacle_output.message(message, t_ns))
         self.link = MavlinkLink(parse_address(address), session, self._samples)
-        self.avoidance = ObstacleOutput(
+        self.obstacle_output = ObstacleOutput(
             AVOID,
             CameraUse(cameras=("front",), timeout_s=0.3, frame_fault=lambda camera: self.cause),
             line_of(session, self.link),
         )
-        self.avoidance.announce(CAMERA)
+        self.obstacle_output.announce(CAMERA)
         self._pipeline = Pipeline((CAMERA,), lambda info: Sees(CLEAR))
         self._frozen_detector = FrozenFrameDetector(4)
         self._dice = np.random.default_rng(1)
@@ -71,13 +71,13 @@ class Flown:
 
     def _samples(self, samples: list[AttitudeSample | PoseSample]) -> None:
         self.waiting.extend(samples)
-        self.avoidance.samples(samples)
+        self.obstacle_output.samples(samples)
 
     def fly(self, seconds: float) -> None:
         """Frames at 20 Hz, exposed now."""
         end_ns = time.monotonic_ns() + round(seconds * NS)
         while (now_ns := time.monotonic_ns()) < end_ns:
-            self.avoidance.tick(now_ns)
+            self.obstacle_output.tick(now_ns)
             if self.delivers:
                 self._see(now_ns)
             time.sleep(FRAME_S)
@@ -97,7 +97,7 @@ class Flown:
             return
         for output in self._pipeline.handle(frame):
             if isinstance(output, PrismsResult):
-                self.avoidance.result(output)
+                self.obstacle_output.result(output)
                 if output.valid and not self.cause and not self.repeats:
                     self.good_ns = now_ns
 
@@ -133,14 +133,14 @@ def connected(kind: str, way: str) -> Iterator[Flown]:
     with AutopilotLink(autopilot, end, NOISE) as line:
         flown = Flown(address, line, kind)
         flown.link.open()
-        flown.avoidance.open()
+        flown.obstacle_output.open()
         try:
             assert flown.comes_to_see()
             # the policy depends on a parameter, which counts after a second
-            assert until(lambda: flown.fly(0.2) is None and flown.avoidance.values.parameters.values())
+            assert until(lambda: flown.fly(0.2) is None and flown.obstacle_output.values.parameters.values())
             yield flown
         finally:
-            flown.avoidance.close()
+            flown.obstacle_output.close()
             flown.link.close()
 
 

@@ -137,21 +137,21 @@ def test_what_is_sent_when_blind_is_the_same_in_each_mode(kind: str, oa_type: fl
     """Armed or not, planner or not, AVOID_MARGIN read or not; only the wall's distance is AVOID_MARGIN's."""
     modes = [vehicle(kind, number, armed) for k, _, number in ALL if k == kind for armed in (True, False)]
     now = modes[0]
-    avoidance = ObstacleOutput(
+    obstacle_output = ObstacleOutput(
         AVOID,
         CameraUse(cameras=("front",), timeout_s=0.3),
         AutopilotLine(lambda: now, lambda message: None),
     )
-    avoidance.announce(INFO)
+    obstacle_output.announce(INFO)
     if oa_type is not None:
         for t_ns in (NS, 4 * NS):  # a value counts when it was received again
-            avoidance.tick(t_ns)
+            obstacle_output.tick(t_ns)
             for name_of, value in (("OA_TYPE", oa_type), ("AVOID_MARGIN", 3.0)):
-                avoidance.message(dialect.MAVLink_param_value_message(name_of.encode(), value, 9, 1, 0), t_ns)
+                obstacle_output.message(dialect.MAVLink_param_value_message(name_of.encode(), value, 9, 1, 0), t_ns)
     margin_m = 2.0 if oa_type is None else 3.0
     wall = int(100 * (margin_m - STOP_INSIDE_M) / np.cos(np.pi / 8))
     for now in modes:
-        decided = avoidance._builder.decide(avoidance._autopilot(), 10 * NS)
+        decided = obstacle_output._builder.decide(obstacle_output._autopilot(), 10 * NS)
         assert decided.values is not None
         ahead = set(np.unique(decided.values[[0, 1, 2, 70, 71]]))
         assert ahead == ({UNKNOWN} if kind == "PX4" else {wall}), now
@@ -166,34 +166,36 @@ def test_the_mode_is_reported_once_and_again_when_it_changes() -> None:
         if isinstance(message, dialect.MAVLink_statustext_message):
             texts.append(message.text)
 
-    avoidance = ObstacleOutput(AVOID, CameraUse(cameras=("front",), timeout_s=0.3), AutopilotLine(lambda: now[0], post))
+    obstacle_output = ObstacleOutput(
+        AVOID, CameraUse(cameras=("front",), timeout_s=0.3), AutopilotLine(lambda: now[0], post)
+    )
     for tenth in range(100):
-        avoidance.tick(NS + tenth * NS // 10)
+        obstacle_output.tick(NS + tenth * NS // 10)
     assert texts == ["OA: AUTO does not brake"]
-    assert "flight_mode_unprotected" in [d.code for d in avoidance.diagnostics(11 * NS)]
+    assert "flight_mode_unprotected" in [d.code for d in obstacle_output.diagnostics(11 * NS)]
     now[0] = vehicle("ArduPilot", COPTER["LOITER"])
     for tenth in range(100, 200):
-        avoidance.tick(NS + tenth * NS // 10)
+        obstacle_output.tick(NS + tenth * NS // 10)
     assert texts == ["OA: AUTO does not brake", "OA: cleared: AUTO does not brake"]
-    assert "flight_mode_unprotected" not in [d.code for d in avoidance.diagnostics(21 * NS)]
+    assert "flight_mode_unprotected" not in [d.code for d in obstacle_output.diagnostics(21 * NS)]
 
 
 def test_px4_need_not_send_obstacles_back_before_position_mode(monkeypatch: pytest.MonkeyPatch) -> None:
     """In takeoff PX4 does not evaluate obstacles; their time does not count when Position mode begins."""
     now = [vehicle("PX4", 4 << 16 | 2 << 24)]
-    avoidance = ObstacleOutput(
+    obstacle_output = ObstacleOutput(
         AVOID, CameraUse(cameras=("front",), timeout_s=0.3), AutopilotLine(lambda: now[0], lambda message: None)
     )
-    avoidance.announce(INFO)
+    obstacle_output.announce(INFO)
     chain = Chain(model(wall_at(0.0, 4.0, 2.0), free_to_m=4.0, view_deg=72.0))
-    chain.builder = avoidance._builder
+    chain.builder = obstacle_output._builder
     monkeypatch.setattr(sender_module, "time", SimpleNamespace(monotonic_ns=lambda: chain.now_ns))
 
     def faulty(seconds: float) -> bool:
         for _ in range(round(10 * seconds)):
             chain.fly(0.1)
-            avoidance.sender._send(chain.now_ns)
-        return "obstacles_not_accepted" in [d.code for d in avoidance.diagnostics(chain.now_ns)]
+            obstacle_output.sender._send(chain.now_ns)
+        return "obstacles_not_accepted" in [d.code for d in obstacle_output.diagnostics(chain.now_ns)]
 
     assert not faulty(9.0)
     now[0] = vehicle("PX4", PX4["Orbit"])
@@ -213,24 +215,26 @@ def test_faults_are_sent_again_to_an_autopilot_that_was_switched_off() -> None:
         if isinstance(message, dialect.MAVLink_statustext_message):
             texts.append(message.text)
 
-    avoidance = ObstacleOutput(AVOID, CameraUse(cameras=("front",), timeout_s=0.3), AutopilotLine(lambda: now[0], post))
-    avoidance.announce(INFO)
-    avoidance.sender.report = avoidance._builder.decide(avoidance._autopilot(), NS)
+    obstacle_output = ObstacleOutput(
+        AVOID, CameraUse(cameras=("front",), timeout_s=0.3), AutopilotLine(lambda: now[0], post)
+    )
+    obstacle_output.announce(INFO)
+    obstacle_output.sender.report = obstacle_output._builder.decide(obstacle_output._autopilot(), NS)
     for tenth in range(150):
-        avoidance.tick(NS + tenth * NS // 10)
+        obstacle_output.tick(NS + tenth * NS // 10)
     faults = ["OA: AUTO does not brake", "OA: front blind: no frame yet"]
     assert texts == faults
     now[0] = None
     for tenth in range(150, 200):
-        avoidance.tick(NS + tenth * NS // 10)
+        obstacle_output.tick(NS + tenth * NS // 10)
     assert texts == faults  # nothing is sent while no autopilot is received
     now[0] = vehicle("ArduPilot", COPTER["AUTO"])
     for tenth in range(200, 300):
-        avoidance.tick(NS + tenth * NS // 10)
+        obstacle_output.tick(NS + tenth * NS // 10)
     assert sorted(texts[2:]) == faults
     now[0] = None
-    avoidance.tick(32 * NS)
+    obstacle_output.tick(32 * NS)
     now[0] = vehicle("ArduPilot", COPTER["LOITER"])
     for tenth in range(320, 400):
-        avoidance.tick(NS + tenth * NS // 10)
+        obstacle_output.tick(NS + tenth * NS // 10)
     assert sorted(texts[4:]) == ["OA: cleared: AUTO does not brake", "OA: front blind: no frame yet"]

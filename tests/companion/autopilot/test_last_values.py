@@ -19,7 +19,7 @@ from drivers.mavlink.session_types import Vehicle
 NS = 1_000_000_000
 
 
-def avoidance(folder: Path, system_id: int = 1, kind: str = "ArduPilot") -> ObstacleOutput:
+def obstacle_output(folder: Path, system_id: int = 1, kind: str = "ArduPilot") -> ObstacleOutput:
     def ignore(message: Any) -> None:
         pass
 
@@ -50,20 +50,20 @@ def nearest_wall_m(part: ObstacleOutput) -> float:
 
 
 def test_the_first_wall_after_a_restart_is_not_nearer_than_the_margin(tmp_path: Path) -> None:
-    first = avoidance(tmp_path)
+    first = obstacle_output(tmp_path)
     receive_margin(first, 3.0)
     before_m = nearest_wall_m(first)
     assert before_m > 3.0
     first.values.close()
-    assert nearest_wall_m(avoidance(tmp_path)) == before_m
-    assert nearest_wall_m(avoidance(tmp_path, system_id=2)) < 3.0, "another vehicle has a margin of its own"
+    assert nearest_wall_m(obstacle_output(tmp_path)) == before_m
+    assert nearest_wall_m(obstacle_output(tmp_path, system_id=2)) < 3.0, "another vehicle has a margin of its own"
 
 
 def test_what_is_read_now_outranks_what_was_kept(tmp_path: Path) -> None:
-    first = avoidance(tmp_path)
+    first = obstacle_output(tmp_path)
     receive_margin(first, 5.0)
     first.values.close()
-    second = avoidance(tmp_path)
+    second = obstacle_output(tmp_path)
     receive_margin(second, 3.0)
     assert 3.0 < nearest_wall_m(second) < 5.0
     second.values.close()
@@ -143,15 +143,15 @@ def test_a_value_without_use_ends_the_one_before_although_nothing_else_is_known(
 
 
 def test_a_kept_margin_does_not_identify_the_autopilot(tmp_path: Path) -> None:
-    first = avoidance(tmp_path)
+    first = obstacle_output(tmp_path)
     receive_margin(first, 2.0)
     first.values.close()
-    assert nearest_wall_m(avoidance(tmp_path, kind="ArduPilot or PX4")) > 3.0, "outside the configured cp_dist_m"
+    assert nearest_wall_m(obstacle_output(tmp_path, kind="ArduPilot or PX4")) > 3.0, "outside the configured cp_dist_m"
 
 
 def test_a_kept_cp_dist_is_used_and_reported_until_it_is_read(tmp_path: Path) -> None:
     (tmp_path / NAME).write_bytes(GOOD)
-    part = avoidance(tmp_path, kind="PX4")
+    part = obstacle_output(tmp_path, kind="PX4")
     part.tick(NS)
     part.sender.report = part._builder.decide(part._autopilot(), NS)
     assert part.sender.report.policy == "brake"
