@@ -42,5 +42,5 @@ def test_a_world_without_a_rule_is_found(monkeypatch: pytest.MonkeyPatch, name: 
 
 def test_a_world_that_forgets_newer_frames_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     assert judged(3, 10.0, 7, among_vehicles=True).wrong == []
-    monkeypatch.setattr(World, "_remove_again", lambda *_: None)
+    monkeypatch.setattr(World, "_see_later_again", lambda *_: None)
     assert "solid" in kinds(judged(3, 10.0, 7, among_vehicles=True))
