@@ -9,7 +9,7 @@ from osape_client.proto import osape_v1_pb2 as pb
 
 def message(planes: int = 2) -> pb.NeighbourObstacles:
     """Two vehicles: 7 with planes and a moving obstacle, 9 without a place."""
-    m = pb.NeighbourObstacles(schema_version=1, t_ns=5, section=1)
+    m = pb.NeighbourObstacles(schema_version=1, t_ns=5, section=1, publication=pb.Publication(boot_id="boot"))
     m.sender = bytes([7] * planes)
     m.id.extend(range(planes))
     m.aligned = bytes(planes)
