@@ -183,6 +183,8 @@ class LiveSubscriber:
                     raise DecodeError(
                         f"schema version {getattr(message, 'schema_version', 0)}; this page reads version 1"
                     )
+                if not isinstance(message, pb.Health) and not message.HasField("publication"):
+                    raise DecodeError("cut short: the part that is written last is missing")
             except DecodeError as error:
                 self.undecodable = f"{len(data)} bytes that cannot be decoded as {kind.DESCRIPTOR.name} ({error})"
                 continue

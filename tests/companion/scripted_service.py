@@ -90,7 +90,9 @@ class ScriptedService:
             )
 
     def blind(self, cause: str, camera: str = "front") -> None:
-        self._prisms.publish(blind_message(camera, self.sequence, time.monotonic_ns(), cause))
+        message = blind_message(camera, self.sequence, time.monotonic_ns(), cause)
+        message.publication.CopyFrom(PublicationStamps(boot_id()).stamp(0, 0))
+        self._prisms.publish(message)
 
     def nonsense(self) -> None:
         self._prisms.publish(b"\xff\xff\xff\xff")

@@ -275,6 +275,21 @@ def test_a_valid_frame_without_its_model_is_reported(setup: Setup) -> None:
     assert setup.subscriber.running
 
 
+def test_a_frame_without_its_publication_is_not_used(setup: Setup) -> None:
+    """Its age is not known: content of before would count as present, for the page too."""
+    setup.until_received("/osape/front/points", POINT_CLOUD)
+
+    def refused() -> bool:
+        message = setup.scripted.message(age_ns=60_000_000_000)
+        message.camera = "left"
+        message.ClearField("publication")
+        setup.scripted.publish(message)
+        return "cut short" in setup.subscriber.undecodable
+
+    assert until(refused)
+    assert "left" not in setup.subscriber.cameras
+
+
 def test_without_a_router_it_is_named_and_a_later_one_is_found(setup: Setup) -> None:
     setup.router.close()
     assert until(lambda: "rmw_zenohd" in setup.node.connect())
