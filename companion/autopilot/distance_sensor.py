@@ -21,8 +21,7 @@ from .obstacle_memory import Here, rotated
 from .view_free import View, ground_z_m
 
 NS = 1_000_000_000
-UPWARD, DOWNWARD = 24, 25
-"""MAV_SENSOR_ROTATION_PITCH_90 and _PITCH_270."""
+UPWARD, DOWNWARD = dialect.MAV_SENSOR_ROTATION_PITCH_90, dialect.MAV_SENSOR_ROTATION_PITCH_270
 SENSOR_ID, NO_COVARIANCE = 1, 255
 MOST = 4096
 """Greatest number of undersides that are kept; the nearest ones are. Below a roof 15 frames a second have a hundred each."""

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from drivers.mavlink.commands import request_capabilities, request_message
+from drivers.mavlink.dialect import dialect
 
 NS: Final = 1_000_000_000
-AUTOPILOT_VERSION: Final = 148
 ASK_AGAIN_NS, RENEW_NS, TRIES = NS, 60 * NS, 6
 
 
@@ -71,7 +71,9 @@ class VersionReader:
                 return []
             in_turn = self._tries % 2
             self._tries, self._asked_ns = self._tries + 1, now_ns
-        return [request_capabilities(system_id) if in_turn else request_message(system_id, AUTOPILOT_VERSION)]
+        if in_turn:
+            return [request_capabilities(system_id)]
+        return [request_message(system_id, dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION)]
 
     @property
     def version(self) -> FirmwareVersion | None:

@@ -8,13 +8,11 @@ from __future__ import annotations
 
 from typing import Any, Final
 
+from drivers.mavlink.dialect import dialect
 from drivers.mavlink.session_types import Vehicle
 
 NS: Final = 1_000_000_000
-EXTENDED_SYS_STATE: Final = 245
-ON_GROUND: Final = 1
-NEAR_GROUND: Final = frozenset({3, 4})
-"""MAV_LANDED_STATE: take-off and landing."""
+NEAR_GROUND: Final = frozenset({dialect.MAV_LANDED_STATE_TAKEOFF, dialect.MAV_LANDED_STATE_LANDING})
 FRESH_NS: Final = 3 * NS
 
 
@@ -33,8 +31,8 @@ class LandedState:
     def on_ground(self, vehicle: Vehicle, now_ns: int) -> bool:
         """True if the vehicle is on the ground. An autopilot that does not report it is on the ground while disarmed."""
         state, at_ns = self._newest
-        if state != 0 and now_ns - at_ns <= FRESH_NS:
-            return state == ON_GROUND
+        if state != dialect.MAV_LANDED_STATE_UNDEFINED and now_ns - at_ns <= FRESH_NS:
+            return bool(state == dialect.MAV_LANDED_STATE_ON_GROUND)
         return not vehicle.armed
 
     def takes_off_or_lands(self, now_ns: int) -> bool:

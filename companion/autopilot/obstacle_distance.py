@@ -19,9 +19,9 @@ from ..config.avoidance import AvoidParams
 from .polar_histogram import SECTORS, SectorScan, SectorState
 
 UNKNOWN = 65535
-BODY_FRD = 12
-SENSOR_UNKNOWN = 4
-"""MAV_DISTANCE_SENSOR_UNKNOWN: there is no value for stereo."""
+BODY_FRD = dialect.MAV_FRAME_BODY_FRD
+SENSOR_UNKNOWN = dialect.MAV_DISTANCE_SENSOR_UNKNOWN
+"""There is no value for stereo."""
 
 
 def encoded(scan: SectorScan, avoid: AvoidParams) -> NDArray[np.uint16]:

@@ -28,9 +28,7 @@ from .clock_note import ClockNote
 from .conflict_codes import CONFLICT_CODES
 from .failsafe import AutopilotNow
 from .feedback_check import EchoCheck, likely_cause
-from .firmware_version import AUTOPILOT_VERSION
 from .flight_modes import mode_fault, sends_obstacles_back
-from .landed import EXTENDED_SYS_STATE
 from .last_values import LastValuesFile
 from .line import AutopilotLine
 from .obstacle_distance import clear_cm
@@ -41,17 +39,18 @@ from .px4_advice import delay_advice, position_mode_fault
 from .report_builder import ObstacleReportBuilder
 from .sector_view import SectorView
 from .sender import ObstacleSender
-from .status_text import CRITICAL, StatusTexts, mount_note
+from .status_text import StatusTexts, mount_note, text_message
 from .surroundings import Observer
 
 NS = 1_000_000_000
 ECHO_HZ, ASK_FOR_ECHO_NS = 2.0, 10 * NS
-ECHOES = {PX4: 330, ARDUPILOT: 132}
-"""The message that each autopilot sends back: OBSTACLE_DISTANCE, DISTANCE_SENSOR."""
-PARAM_VALUE = 22
-REQUESTED = (EXTENDED_SYS_STATE,)
-"""Ids of messages that both autopilots are asked to send, as often as their echo."""
-READS = frozenset({PARAM_VALUE, AUTOPILOT_VERSION, *REQUESTED, *ECHOES.values()})
+ECHOES = {PX4: dialect.MAVLINK_MSG_ID_OBSTACLE_DISTANCE, ARDUPILOT: dialect.MAVLINK_MSG_ID_DISTANCE_SENSOR}
+"""The message that each autopilot sends back."""
+LANDED = dialect.MAVLINK_MSG_ID_EXTENDED_SYS_STATE
+"""Both autopilots are asked to send it, as often as their echo."""
+READS = frozenset(
+    {dialect.MAVLINK_MSG_ID_PARAM_VALUE, dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION, LANDED, *ECHOES.values()}
+)
 """Ids of the autopilot's messages that `message` handles."""
 
 
@@ -90,9 +89,8 @@ class ObstacleOutput:
         vehicle = self._line.vehicle()
         if vehicle is not None and vehicle.armed and not self._end_ns:
             self._end_ns = time.monotonic_ns()
-            self._line.post(
-                dialect.MAVLink_statustext_message(CRITICAL, shutdown_text(self.values.facts(vehicle)).encode())
-            )
+            text = shutdown_text(self.values.facts(vehicle))
+            self._line.post(text_message(dialect.MAV_SEVERITY_CRITICAL, text))
 
     def close(self) -> None:
         """Stops. An armed vehicle is sent the artificial wall for stop_hold_s first. May be called twice."""
@@ -156,7 +154,7 @@ class ObstacleOutput:
             self._line.post(request)
         if now_ns >= self._next_ask_ns and vehicle.autopilot in ECHOES:
             self._next_ask_ns = now_ns + ASK_FOR_ECHO_NS
-            for message_id in (ECHOES[vehicle.autopilot], *REQUESTED):
+            for message_id in (ECHOES[vehicle.autopilot], LANDED):
                 self._line.post(set_message_interval(vehicle.system_id, message_id, ECHO_HZ))
 
     def _notes(self, now_ns: int) -> dict[str, str]:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from drivers.mavlink.address import parse_address
-from drivers.mavlink.dialect import MAV_COMP_ID_AUTOPILOT1, dialect
+from drivers.mavlink.dialect import dialect
 from drivers.mavlink.link import MavlinkLink
 from drivers.mavlink.session import SILENT_NS, MavlinkSession
 from drivers.mavlink.session_types import PX4
@@ -22,7 +22,7 @@ from ..paths import folders
 from .firmware_version import VersionReader
 from .parameter_advice import parameter_faults
 from .parameter_fault import AutopilotFacts
-from .parameters import ParameterReader, param_value_of, value_of
+from .parameters import ParameterReader, param_value_of, request_of, value_of
 from .session_factory import params_of, signing_of
 
 NS = 1_000_000_000
@@ -127,12 +127,12 @@ class ParameterWriter:
             kind, system, _ = self._target
             with self._lock:
                 param_type = self._received[change.name][1]
-            name, to = change.name.encode(), param_value_of(change.to, kind, param_type)
-            self._link.post(dialect.MAVLink_param_set_message(system, MAV_COMP_ID_AUTOPILOT1, name, to, param_type))
+            target, to = (system, dialect.MAV_COMP_ID_AUTOPILOT1), param_value_of(change.to, kind, param_type)
+            self._link.post(dialect.MAVLink_param_set_message(*target, change.name.encode(), to, param_type))
             time.sleep(0.2)
             with self._lock:
                 del self._received[change.name]  # the answer to the next request decides
-            self._link.post(dialect.MAVLink_param_request_read_message(system, MAV_COMP_ID_AUTOPILOT1, name, -1))
+            self._link.post(request_of(system, change.name))
             answer = self._answer(change.name)
             with self._lock:
                 self._received.setdefault(change.name, (change.now, param_type))
@@ -155,7 +155,7 @@ class ParameterWriter:
         self._received_ns = arrival_ns
         self._reader.take(message, arrival_ns)
         self._version.take(message)
-        if message.get_type() == "HEARTBEAT" and int(message.base_mode) & 128:
+        if message.get_type() == "HEARTBEAT" and int(message.base_mode) & dialect.MAV_MODE_FLAG_SAFETY_ARMED:
             self._armed_ns = arrival_ns
         if message.get_type() == "PARAM_VALUE":
             with self._lock:

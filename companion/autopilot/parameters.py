@@ -9,7 +9,7 @@ import threading
 from dataclasses import dataclass, replace
 from typing import Any
 
-from drivers.mavlink.dialect import MAV_COMP_ID_AUTOPILOT1, dialect
+from drivers.mavlink.dialect import dialect
 from drivers.mavlink.session_types import ARDUPILOT, PX4
 
 NS = 1_000_000_000
@@ -114,9 +114,7 @@ class ParameterReader:
                 if (known.asked_ns and now_ns - known.asked_ns < wait_ns) or len(requests) >= AT_ONCE:
                     continue
                 self._known[name] = replace(known, tries=known.tries + 1, asked_ns=now_ns)
-                requests.append(
-                    dialect.MAVLink_param_request_read_message(system_id, MAV_COMP_ID_AUTOPILOT1, name.encode(), -1)
-                )
+                requests.append(request_of(system_id, name))
         return requests
 
     def value(self, name: str) -> float | None:
@@ -174,6 +172,11 @@ def _contradictory(known: Known, now_ns: int) -> bool:
     """True if several changes of a value were received within CONTRADICTION_NS."""
     changes = known.changes
     return len(changes) >= CONTRADICTIONS and now_ns - changes[0] < CONTRADICTION_NS
+
+
+def request_of(system_id: int, name: str) -> Any:
+    """Returns the request for a parameter."""
+    return dialect.MAVLink_param_request_read_message(system_id, dialect.MAV_COMP_ID_AUTOPILOT1, name.encode(), -1)
 
 
 def value_of(message: Any, kind: str) -> float:

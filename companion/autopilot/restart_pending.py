@@ -8,14 +8,12 @@ from __future__ import annotations
 from typing import Any, Final
 
 from drivers.mavlink.commands import request_message
+from drivers.mavlink.dialect import dialect
 from drivers.mavlink.session_types import ARDUPILOT
 
 from .parameter_fault import AutopilotFacts
 
 NS: Final = 1_000_000_000
-SYS_STATUS: Final = 1
-PROXIMITY: Final = 1 << 26
-"""MAV_SYS_STATUS_SENSOR_PROXIMITY."""
 ASK_AGAIN_NS, TRIES = NS, 4
 TEXT: Final = "restart the autopilot: PRX1_TYPE was changed after its start, and it does not read obstacles yet"
 
@@ -30,7 +28,7 @@ class ProximityPresence:
     def take(self, message: Any) -> None:
         """Handles SYS_STATUS and ignores other messages."""
         if message.get_type() == "SYS_STATUS":
-            self._present = bool(int(message.onboard_control_sensors_present) & PROXIMITY)
+            self._present = bool(int(message.onboard_control_sensors_present) & dialect.MAV_SYS_STATUS_SENSOR_PROXIMITY)
 
     def due(self, now_ns: int, system_id: int) -> list[Any]:
         """Returns the request to send now, if any; TRIES in all."""
@@ -38,7 +36,7 @@ class ProximityPresence:
         if self._present is not None or self._tries >= TRIES or waits:
             return []
         self._asked_ns, self._tries = now_ns, self._tries + 1
-        return [request_message(system_id, SYS_STATUS)]
+        return [request_message(system_id, dialect.MAVLINK_MSG_ID_SYS_STATUS)]
 
     @property
     def settled(self) -> bool:

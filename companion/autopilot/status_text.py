@@ -10,8 +10,6 @@ from drivers.mavlink.dialect import dialect
 NS = 1_000_000_000
 MOST_CHARACTERS = 50
 LEAST_APART_NS, OPENING_NS = 2 * NS, 10 * NS
-CRITICAL, WARNING, INFO = 2, 4, 6
-"""MAV_SEVERITY."""
 
 
 class StatusTexts:
@@ -52,7 +50,7 @@ class StatusTexts:
                 self._repeated.discard(name)
                 self._sent_ns[name] = self._last_ns = now_ns
                 self._last_was_note = is_note
-                return dialect.MAVLink_statustext_message(severity, shortened(f"OA: {text}").encode())
+                return text_message(severity, f"OA: {text}")
         return None
 
     def _change(self, blind: Mapping[str, str], opening: bool) -> tuple[str, int, str] | None:
@@ -66,8 +64,8 @@ class StatusTexts:
             if self._sent.get(camera) != is_blind or camera in self._repeated:
                 self._sent[camera] = is_blind
                 if is_blind:
-                    return camera, CRITICAL, f"{camera} blind: {blind[camera]}"
-                return camera, INFO, f"{camera} recovered"
+                    return camera, dialect.MAV_SEVERITY_CRITICAL, f"{camera} blind: {blind[camera]}"
+                return camera, dialect.MAV_SEVERITY_INFO, f"{camera} recovered"
         return None
 
     def _note(self, notes: Mapping[str, str]) -> tuple[str, int, str] | None:
@@ -76,7 +74,9 @@ class StatusTexts:
             now, before = notes[topic].split(":")[0], self._noted.get(topic, "")
             if now != before or topic in self._repeated:
                 self._noted[topic] = now
-                return (topic, WARNING, now) if now else (topic, INFO, f"cleared: {before}")
+                if now:
+                    return topic, dialect.MAV_SEVERITY_WARNING, now
+                return topic, dialect.MAV_SEVERITY_INFO, f"cleared: {before}"
         return None
 
     def _longest_unsent(self, names: Iterable[str]) -> list[str]:
@@ -86,6 +86,11 @@ class StatusTexts:
 def mount_note(camera: str, degraded: bool) -> str:
     """Returns the note on a camera's mount. It contains no value, since each change of the estimate would be sent."""
     return f"{camera} mount differs from configuration" if degraded else ""
+
+
+def text_message(severity: int, text: str) -> Any:
+    """Returns the STATUSTEXT of a text, shortened to what it holds. severity: MAV_SEVERITY."""
+    return dialect.MAVLink_statustext_message(severity, shortened(text).encode())
 
 
 def shortened(text: str) -> str:

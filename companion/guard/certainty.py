@@ -7,12 +7,12 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from drivers.mavlink.commands import REQUEST_MESSAGE, SET_MESSAGE_INTERVAL, request_message, set_message_interval
+from drivers.mavlink.dialect import dialect
 from drivers.mavlink.session_types import PX4, Vehicle
 
 from .modes import MULTICOPTERS, STOP_ORDER
 
 NS = 1_000_000_000
-HEARTBEAT_ID: Final = 0
 HEARTBEAT_HZ: Final = 5.0
 """Requested of the autopilot, so that a change of mode is known within 0.2 s. An autopilot that keeps 1 Hz is used as
 well. PX4 never changes this rate, but sends a single heartbeat on request: while it is armed, each one is requested."""
@@ -27,8 +27,8 @@ REACHED_NS: Final = 8 * NS
 CONFLICTS: Final = ("two autopilots", "two clocks", "two services", "several vehicles")
 """Topics of drivers.mavlink.conflicts that make it uncertain who receives a command, or whose answer arrives."""
 _REQUESTS: Final = frozenset({SET_MESSAGE_INTERVAL, REQUEST_MESSAGE})
-_ANSWERS: Final = frozenset({0, 3, 4})
-"""MAV_RESULT ACCEPTED, UNSUPPORTED and FAILED: the command was received, which is all that matters here. PX4 answers a
+_ANSWERS: Final = frozenset({dialect.MAV_RESULT_ACCEPTED, dialect.MAV_RESULT_UNSUPPORTED, dialect.MAV_RESULT_FAILED})
+"""Results by which the command was received, which is all that matters here. PX4 answers a
 request for the rate of its heartbeat with FAILED (MavlinkReceiver::set_message_interval)."""
 
 
@@ -62,8 +62,8 @@ class Certainty:
         else:
             self._next_ns = now_ns + (AGAIN_NS if now_ns - self._reached_ns <= AGAIN_NS else FIRST_WAIT_NS)
         if vehicle.autopilot == PX4:
-            return [request_message(vehicle.system_id, HEARTBEAT_ID)]
-        return [set_message_interval(vehicle.system_id, HEARTBEAT_ID, HEARTBEAT_HZ)]
+            return [request_message(vehicle.system_id, dialect.MAVLINK_MSG_ID_HEARTBEAT)]
+        return [set_message_interval(vehicle.system_id, dialect.MAVLINK_MSG_ID_HEARTBEAT, HEARTBEAT_HZ)]
 
     def silent(self, now_ns: int) -> bool:
         """True if the vehicle acknowledged commands before and does not any more, so that commands may not arrive.

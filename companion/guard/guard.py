@@ -12,13 +12,12 @@ from typing import Any, Final
 
 from drivers.mavlink import commands
 from drivers.mavlink.dialect import dialect
-from drivers.mavlink.session import COMMAND_ACK_ID
 from drivers.mavlink.session_types import LinkStatus, Vehicle
 from drivers.watched_thread import WatchedThread
 
-from ..autopilot.landed import EXTENDED_SYS_STATE, LandedState
+from ..autopilot.landed import LandedState
 from ..autopilot.line import AutopilotLine
-from ..autopilot.status_text import CRITICAL, WARNING, shortened
+from ..autopilot.status_text import text_message
 from ..autopilot.surroundings import Surroundings
 from ..config.avoidance import AvoidParams
 from ..config.guard import GuardParams
@@ -53,7 +52,7 @@ FLIES_M_S: Final = 2.0
 """A faster vehicle does not stand on the ground."""
 REPEAT_NS: Final = 5 * NS
 """The same text is not announced again within this time."""
-READS: Final = frozenset({COMMAND_ACK_ID, EXTENDED_SYS_STATE})
+READS: Final = frozenset({dialect.MAVLINK_MSG_ID_COMMAND_ACK, dialect.MAVLINK_MSG_ID_EXTENDED_SYS_STATE})
 """Ids of the autopilot's messages that `message` handles."""
 
 
@@ -216,8 +215,8 @@ class Guard:
         if text.text in self._announced:
             return
         self._announced[text.text] = now_ns
-        severity = CRITICAL if text.critical else WARNING
-        self._line.post(dialect.MAVLink_statustext_message(severity, shortened(f"OA: {text.text}").encode()))
+        severity = dialect.MAV_SEVERITY_CRITICAL if text.critical else dialect.MAV_SEVERITY_WARNING
+        self._line.post(text_message(severity, f"OA: {text.text}"))
 
     @property
     def memory(self) -> GuardMemory:

@@ -7,6 +7,8 @@ from dataclasses import dataclass, field
 from enum import Enum, auto
 from statistics import fmean
 
+from drivers.mavlink.dialect import dialect
+
 from ..config.guard import GuardParams
 from .assessment import LIMIT_STEP_M_S, Action, Verdict
 
@@ -28,8 +30,10 @@ FOLLOWS_NS = NS
 exceed it."""
 TRIES = 3
 """A limit that is not acknowledged is sent this many times; the stop does not depend on it."""
-ACCEPTED, TEMPORARILY_REJECTED, IN_PROGRESS = 0, 1, 5
-"""MAV_RESULT. All other results mean that the command has no effect."""
+ACCEPTED = dialect.MAV_RESULT_ACCEPTED
+TEMPORARILY_REJECTED = dialect.MAV_RESULT_TEMPORARILY_REJECTED
+IN_PROGRESS = dialect.MAV_RESULT_IN_PROGRESS
+"""All other results mean that the command has no effect."""
 
 
 class LimitState(Enum):

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 from drivers.logs import codec as wire
 from drivers.mavlink.clock_sync import ClockEstimate, ClockSource
+from drivers.mavlink.dialect import dialect
 from drivers.mavlink.link import LinkState
-from drivers.mavlink.session import MAV_STATE_ACTIVE, MAV_STATE_CRITICAL, MAV_STATE_STANDBY
 from drivers.mavlink.session_types import LinkStatus
 from osape_client.proto import osape_v1_pb2 as pb
 
@@ -28,10 +28,10 @@ STATES = {
     pb.Health.STATE_BLIND: "blind",
 }
 HEARTBEAT_STATES = {
-    pb.Health.STATE_STARTING: MAV_STATE_STANDBY,
-    pb.Health.STATE_ACTIVE: MAV_STATE_ACTIVE,
-    pb.Health.STATE_DEGRADED: MAV_STATE_ACTIVE,
-    pb.Health.STATE_BLIND: MAV_STATE_CRITICAL,
+    pb.Health.STATE_STARTING: dialect.MAV_STATE_STANDBY,
+    pb.Health.STATE_ACTIVE: dialect.MAV_STATE_ACTIVE,
+    pb.Health.STATE_DEGRADED: dialect.MAV_STATE_ACTIVE,
+    pb.Health.STATE_BLIND: dialect.MAV_STATE_CRITICAL,
 }
 """MAV_STATE of the heartbeat to the autopilot."""
 

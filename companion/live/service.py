@@ -17,7 +17,7 @@ import zmq
 from google.protobuf.message import Message
 
 from core.types import AttitudeSample, CameraInfo, DepthFrame, PoseSample
-from drivers.mavlink.session import MAV_STATE_CRITICAL
+from drivers.mavlink.dialect import dialect
 from drivers.mavlink.signing import Signing
 from osape_client.boot import boot_id
 
@@ -214,7 +214,7 @@ class Service:
         if parts.obstacle_output is not None:
             steps.append(parts.obstacle_output.end)
         if parts.link is not None:
-            steps.append(partial(parts.link.set_system_status, MAV_STATE_CRITICAL))
+            steps.append(partial(parts.link.set_system_status, dialect.MAV_STATE_CRITICAL))
         steps += [camera.stop for camera in parts.cameras.values()]
         steps += [camera.close for camera in parts.cameras.values()]
         steps.append(parts.pipeline_thread.close)

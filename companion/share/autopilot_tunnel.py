@@ -6,9 +6,9 @@ from collections import Counter
 from collections.abc import Sequence
 
 from drivers.mavlink.link import MavlinkLink
-from drivers.mavlink.parser import Frame
+from drivers.mavlink.parser import SIGNATURE_BYTES, Frame
 from drivers.sharing.link import Deliver, ReceivedPacket
-from drivers.sharing.tunnel import FRAME_BYTES, NAME, PAYLOAD_BYTES, SIGNATURE_BYTES, packet_of, tunnel_message
+from drivers.sharing.tunnel import FRAME_BYTES, NAME, PAYLOAD_BYTES, packet_of, tunnel_message
 
 
 class AutopilotTunnel:

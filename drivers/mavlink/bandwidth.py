@@ -5,8 +5,10 @@ Serial lines have their rate in each direction at once. UDP and TCP have no rele
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
+from .ardupilot_faces import FACES
+from .parser import SIGNATURE_BYTES
 from .session_types import MavlinkParams
 
 SLOW_BAUD = 230_400
@@ -14,13 +16,12 @@ BITS_PER_BYTE = 10
 """8 data bits, start bit and stop bit."""
 SHARE = 0.5
 """Share of the line available to this service: autopilots send more than it requests, and in bursts."""
-FRAME, SIGNATURE = 12, 13
-"""Bytes of a frame in addition to its payload: header with checksum, and signature."""
+FRAME = 12
+"""Bytes of header and checksum."""
 ATTITUDE, POSITION, OBSTACLES, POINT, FACE, HEARTBEAT, TIMESYNC = 32, 28, 167, 28, 39, 9, 16
 """Sizes of payloads in bytes."""
-TIMESYNC_HZ, ECHO_HZ, FACES = 10.0, 2.0, 8
-"""Greatest rate of TIMESYNC, while the clock is estimated and PX4 sends its own requests; rate of the echoes; number
-of faces that ArduPilot echoes."""
+TIMESYNC_HZ, ECHO_HZ = 10.0, 2.0
+"""Greatest rate of TIMESYNC, while the clock is estimated and PX4 sends its own requests; rate of the echoes."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -57,44 +58,23 @@ class LinkBudget:
         return ""
 
 
-def link_budget(
-    attitude_hz: float,
-    position_hz: float,
-    obstacles_hz: float,
-    line: float,
-    *,
-    signed: bool = False,
-    obstacles: tuple[int, ...] = (OBSTACLES,),
-) -> LinkBudget:
-    """Returns the budget of a link.
-
-    Args:
-        attitude_hz, position_hz: requested rates.
-        obstacles_hz: rate of the obstacles; 0: none are sent.
-        line: capacity, bytes/s.
-        signed: messages are signed.
-        obstacles: payloads of the messages of one time."""
-    around = FRAME + (SIGNATURE if signed else 0)
-    attitude_bytes = ATTITUDE + around
-    always = (HEARTBEAT + around) + TIMESYNC_HZ * (TIMESYNC + around)
-    echo = ECHO_HZ * FACES * (FACE + around) if obstacles_hz else 0.0
-    return LinkBudget(
-        need_in=attitude_hz * attitude_bytes + position_hz * (POSITION + around) + 2.0 * always + echo,
-        need_out=obstacles_hz * sum(payload + around for payload in obstacles) + 2.0 * always,
-        line=line,
-        attitude_hz=attitude_hz,
-        attitude_bytes=attitude_bytes,
-    )
-
-
 def budget_of(params: MavlinkParams, bytes_per_s: float | None, *, signed: bool = False) -> LinkBudget | None:
-    """Returns the budget of a session with these parameters; None for a link without a limit."""
+    """Returns the budget of a session with these parameters; None for a link without a limit. signed: messages are signed."""
     if bytes_per_s is None:
         return None
+    around = FRAME + (SIGNATURE_BYTES if signed else 0)
+    attitude_bytes = ATTITUDE + around
+    motion = params.attitude_hz * attitude_bytes + params.position_hz * (POSITION + around)
+    always = (HEARTBEAT + around) + TIMESYNC_HZ * (TIMESYNC + around)
+    echo = ECHO_HZ * FACES * (FACE + around) if params.obstacles_hz else 0.0
     payloads = (OBSTACLES,) if params.obstacle_points == 0 else (POINT,) * params.obstacle_points
     payloads += (FACE,) * params.distance_sensors
-    budget = link_budget(
-        params.attitude_hz, params.position_hz, params.obstacles_hz, bytes_per_s, signed=signed, obstacles=payloads
+    return LinkBudget(
+        need_in=motion + 2.0 * always + echo + params.neighbours * params.tunnel_bytes_per_s,
+        need_out=params.obstacles_hz * sum(payload + around for payload in payloads)
+        + 2.0 * always
+        + params.tunnel_bytes_per_s,
+        line=bytes_per_s,
+        attitude_hz=params.attitude_hz,
+        attitude_bytes=attitude_bytes,
     )
-    tunnel = params.tunnel_bytes_per_s
-    return replace(budget, need_in=budget.need_in + params.neighbours * tunnel, need_out=budget.need_out + tunnel)

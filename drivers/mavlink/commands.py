@@ -16,17 +16,14 @@ from __future__ import annotations
 import math
 from typing import Any, Final
 
-from .dialect import MAV_COMP_ID_AUTOPILOT1, dialect
+from .dialect import dialect
 
-DO_SET_MODE: Final = 176
-DO_CHANGE_SPEED: Final = 178
-DO_REPOSITION: Final = 192
-SET_MESSAGE_INTERVAL: Final = 511
-REQUEST_MESSAGE: Final = 512
-REQUEST_AUTOPILOT_CAPABILITIES: Final = 520
-CUSTOM_MODE_ENABLED: Final = 1
-CHANGE_MODE_FLAG: Final = 1
-GROUND_SPEED: Final = 1
+DO_SET_MODE: Final = dialect.MAV_CMD_DO_SET_MODE
+DO_CHANGE_SPEED: Final = dialect.MAV_CMD_DO_CHANGE_SPEED
+DO_REPOSITION: Final = dialect.MAV_CMD_DO_REPOSITION
+SET_MESSAGE_INTERVAL: Final = dialect.MAV_CMD_SET_MESSAGE_INTERVAL
+REQUEST_MESSAGE: Final = dialect.MAV_CMD_REQUEST_MESSAGE
+CHANGE_MODE_FLAG: Final = dialect.MAV_DO_REPOSITION_FLAGS_CHANGE_MODE
 NO_CHANGE: Final = -1.0
 """DO_CHANGE_SPEED param3: unchanged throttle; DO_REPOSITION param1: default speed."""
 PX4_AUTO, PX4_AUTO_LOITER = 4, 3
@@ -41,7 +38,7 @@ def request_message(system_id: int, message_id: int) -> Any:
 
 def request_capabilities(system_id: int) -> Any:
     """Returns a request for AUTOPILOT_VERSION to firmware that does not know REQUEST_MESSAGE."""
-    return _command(system_id, REQUEST_AUTOPILOT_CAPABILITIES, 1)
+    return _command(system_id, dialect.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES, 1)
 
 
 def px4_mode_number(main: int, sub: int) -> int:
@@ -56,7 +53,7 @@ def px4_main_and_sub(custom_mode: int) -> tuple[int, int]:
 
 def set_px4_hold(system_id: int) -> Any:
     """Returns the command for Hold: PX4 brakes and keeps its position and height."""
-    return _command(system_id, DO_SET_MODE, CUSTOM_MODE_ENABLED, PX4_AUTO, PX4_AUTO_LOITER)
+    return _command(system_id, DO_SET_MODE, dialect.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED, PX4_AUTO, PX4_AUTO_LOITER)
 
 
 def px4_reposition_here(system_id: int) -> Any:
@@ -67,7 +64,7 @@ def px4_reposition_here(system_id: int) -> Any:
 
 def set_copter_mode(system_id: int, mode: int) -> Any:
     """Returns the command for a mode of ArduCopter."""
-    return _command(system_id, DO_SET_MODE, CUSTOM_MODE_ENABLED, mode)
+    return _command(system_id, DO_SET_MODE, dialect.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED, mode)
 
 
 def change_speed(system_id: int, speed_m_s: float) -> Any:
@@ -75,7 +72,7 @@ def change_speed(system_id: int, speed_m_s: float) -> Any:
     than 0."""
     if not speed_m_s > 0.0:
         raise ValueError(f"speed {speed_m_s!r} m/s: must be greater than 0; an autopilot takes 0 for the default speed")
-    return _command(system_id, DO_CHANGE_SPEED, GROUND_SPEED, speed_m_s, NO_CHANGE)
+    return _command(system_id, DO_CHANGE_SPEED, dialect.SPEED_TYPE_GROUNDSPEED, speed_m_s, NO_CHANGE)
 
 
 def set_message_interval(system_id: int, message_id: int, hz: float) -> Any:
@@ -87,4 +84,4 @@ def _command(system_id: int, command: int, *params: float) -> Any:
     if not 1 <= system_id <= 255:
         raise ValueError(f"target system {system_id}: must be 1 to 255; 0 would be all vehicles")
     numbers = (*params, *[0.0] * (7 - len(params)))
-    return dialect.MAVLink_command_long_message(system_id, MAV_COMP_ID_AUTOPILOT1, command, 0, *numbers)
+    return dialect.MAVLink_command_long_message(system_id, dialect.MAV_COMP_ID_AUTOPILOT1, command, 0, *numbers)

@@ -9,7 +9,8 @@ from collections import OrderedDict, deque
 from typing import Any
 
 from .clock_sync import NS
-from .dialect import MAV_COMP_ID_AUTOPILOT1
+from .dialect import dialect
+from .outbox import SCAN_IDS
 from .parser import Frame
 from .session_types import ARDUPILOT
 
@@ -17,15 +18,12 @@ RECENT_NS = 10 * NS
 """A conflict is reported for this time after the last message that caused it."""
 SEVERAL_NS = 60 * NS
 """For this time after the last heartbeat of a second vehicle it is not known which vehicle carries this computer."""
-OBSTACLES = frozenset({330, 11037})
-"""OBSTACLE_DISTANCE, OBSTACLE_DISTANCE_3D."""
-DISTANCE_SENSOR = 132
-TUNNEL = 385
 _TO_ORIENTATION = struct.Struct("<I3H3B")
 """The fields of DISTANCE_SENSOR up to its MAV_SENSOR_ORIENTATION."""
-HORIZONTAL, UPWARD, DOWNWARD = 7, 24, 25
-"""Greatest MAV_SENSOR_ORIENTATION of the eight around the vehicle, beginning at 0, and two others. ArduPilot uses a DISTANCE_SENSOR around
-the vehicle as it uses OBSTACLE_DISTANCE, PX4 each one that looks neither up nor down."""
+HORIZONTAL = dialect.MAV_SENSOR_ROTATION_YAW_315
+VERTICAL = frozenset({dialect.MAV_SENSOR_ROTATION_PITCH_90, dialect.MAV_SENSOR_ROTATION_PITCH_270})
+"""Greatest MAV_SENSOR_ORIENTATION of the eight around the vehicle, beginning at 0, and those up and down. ArduPilot uses a DISTANCE_SENSOR
+around the vehicle as it uses OBSTACLE_DISTANCE, PX4 each one that looks neither up nor down."""
 _SENT, _MOST = 256, 16
 
 
@@ -54,13 +52,13 @@ class ConflictDetector:
 
         Autopilots take obstacles from any system: also those of another vehicle on the line, and the map of its PX4."""
         source = (frame.system, frame.component)
-        if not system or source == (system, MAV_COMP_ID_AUTOPILOT1):
+        if not system or source == (system, dialect.MAV_COMP_ID_AUTOPILOT1):
             return
         ours = source == (system, self._component)
         if not ours and not self._is_obstacle(frame):
             return
         # packets to other vehicles may be sent on another line; a second service also sends heartbeats
-        if ours and (frame.id == TUNNEL or frame.data in self._sent):
+        if ours and (frame.id == dialect.MAVLINK_MSG_ID_TUNNEL or frame.data in self._sent):
             return
         if ours:
             self._doubles_ns = now_ns
@@ -70,10 +68,10 @@ class ConflictDetector:
 
     def _is_obstacle(self, frame: Frame) -> bool:
         """Returns whether the autopilot takes obstacles around the vehicle from a message."""
-        if frame.id != DISTANCE_SENSOR:
-            return frame.id in OBSTACLES
+        if frame.id != dialect.MAVLINK_MSG_ID_DISTANCE_SENSOR:
+            return frame.id in SCAN_IDS
         orientation = frame.fields(_TO_ORIENTATION)[-1]
-        return orientation <= HORIZONTAL or (self._kind != ARDUPILOT and orientation not in (UPWARD, DOWNWARD))
+        return orientation <= HORIZONTAL or (self._kind != ARDUPILOT and orientation not in VERTICAL)
 
     def left_out(self, system: int, now_ns: int) -> None:
         """Records an autopilot that is ignored because its system id is not the configured one."""

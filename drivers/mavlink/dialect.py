@@ -4,8 +4,4 @@ from __future__ import annotations
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-MAV_AUTOPILOT_INVALID = 8
-"""HEARTBEAT.autopilot of everything that is no autopilot: ground stations, cameras, companions."""
-MAV_COMP_ID_AUTOPILOT1 = 1
-
-__all__ = ["MAV_AUTOPILOT_INVALID", "MAV_COMP_ID_AUTOPILOT1", "dialect"]
+__all__ = ["dialect"]

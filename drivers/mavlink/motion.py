@@ -15,10 +15,11 @@ from core.types import MAX_RATE_RAD_S, MAX_SPEED_M_S, AttitudeSample, PoseSample
 from .anomalies import LinkAnomaly
 from .clock_sync import NS, UNKNOWN_DELAY_NS, ClockEstimate, ClockFilter, ClockSource
 from .contradictory_attitude import ContradictoryAttitude, Quaternion
+from .dialect import dialect
 from .parser import Frame
 from .repeated_attitude import RepeatedAttitude
 from .repeated_position import RepeatedPosition
-from .session_types import ATTITUDE_ID, ATTITUDE_QUATERNION_ID
+from .session_types import ATTITUDE_ID, ATTITUDE_QUATERNION_ID, LOCAL_POSITION_NED_ID
 
 MS = 1_000_000
 HALF_MS = 500_000
@@ -29,9 +30,8 @@ MAX_ANGLE_RAD = 2.0 * math.pi + 1e-3
 """Greatest angle of an attitude."""
 UNIX_NS = 10**17
 """Stamps beyond 3 years are no time since boot: some senders use unix time in time_usec."""
-LOCAL_POSITION_NED_ID, ODOMETRY_ID = 32, 331
+ODOMETRY_ID = dialect.MAVLINK_MSG_ID_ODOMETRY
 MOTION = frozenset({ATTITUDE_ID, ATTITUDE_QUATERNION_ID, LOCAL_POSITION_NED_ID, ODOMETRY_ID})
-"""ATTITUDE, ATTITUDE_QUATERNION, LOCAL_POSITION_NED, ODOMETRY."""
 _FIELDS = {
     ATTITUDE_ID: struct.Struct("<I6f"),
     ATTITUDE_QUATERNION_ID: struct.Struct("<I7f"),
@@ -44,16 +44,16 @@ MOST_BETWEEN = 4
 Single lost messages do not change the kind, which would begin a new section of the position."""
 CONFIRMED_FOR_NS = NS
 """Time after a LOCAL_POSITION_NED for which ODOMETRY is used."""
-LOCAL_NED = 1
-"""MAV_FRAME_LOCAL_NED. MAV_FRAME_LOCAL_FRD (20) points where the vehicle looked at the start, not north as the attitude."""
-OWN_ESTIMATORS = frozenset({0, 8})
-"""MAV_ESTIMATOR_TYPE_UNKNOWN, MAV_ESTIMATOR_TYPE_AUTOPILOT. With `MAV_ODOM_LP` PX4 returns the odometry of another computer in place of
+LOCAL_NED = dialect.MAV_FRAME_LOCAL_NED
+"""MAV_FRAME_LOCAL_FRD points where the vehicle looked at the start, not north as the attitude."""
+OWN_ESTIMATORS = frozenset({dialect.MAV_ESTIMATOR_TYPE_UNKNOWN, dialect.MAV_ESTIMATOR_TYPE_AUTOPILOT})
+"""With `MAV_ODOM_LP` PX4 returns the odometry of another computer in place of
 its own estimate (MAV_ESTIMATOR_TYPE_VISION): it has another origin, and a timestamp that depends on PX4's estimate of that
 computer's clock."""
-LOCAL_FRAMES = frozenset({LOCAL_NED, 20})
+LOCAL_FRAMES = frozenset({LOCAL_NED, dialect.MAV_FRAME_LOCAL_FRD})
 """Frames of a velocity in ned: PX4 up to v1.13 calls ned MAV_FRAME_LOCAL_FRD there."""
-BODY_FRAMES = frozenset({8, 12})
-"""MAV_FRAME_BODY_NED, MAV_FRAME_BODY_FRD: the velocity of ODOMETRY is in body axes."""
+BODY_FRAMES = frozenset({dialect.MAV_FRAME_BODY_NED, dialect.MAV_FRAME_BODY_FRD})
+"""The velocity of ODOMETRY is in body axes."""
 
 
 class MotionDecoder:

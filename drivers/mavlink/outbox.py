@@ -9,15 +9,16 @@ from dataclasses import dataclass
 from typing import Any
 
 from ..suspended_time import LEAST_NS, suspended_ns
+from .dialect import dialect
 from .session_types import Vehicle
 
-DISTANCE_SENSOR_ID, OBSTACLE_DISTANCE_ID, OBSTACLE_DISTANCE_3D_ID = 132, 330, 11037
-_SCANS = frozenset({OBSTACLE_DISTANCE_ID, OBSTACLE_DISTANCE_3D_ID})
-OBSTACLE_IDS = _SCANS | {DISTANCE_SENSOR_ID}
+_POINT_ID = dialect.MAVLINK_MSG_ID_OBSTACLE_DISTANCE_3D
+SCAN_IDS = frozenset({dialect.MAVLINK_MSG_ID_OBSTACLE_DISTANCE, _POINT_ID})
+"""Obstacles around the vehicle."""
+OBSTACLE_IDS = SCAN_IDS | {dialect.MAVLINK_MSG_ID_DISTANCE_SENSOR}
 _MOST = 256
-COMMAND_LONG_ID = 76
 NS = 1_000_000_000
-VALID_NS = dict.fromkeys(OBSTACLE_IDS, NS * 15 // 100) | {COMMAND_LONG_ID: NS // 2}
+VALID_NS = dict.fromkeys(OBSTACLE_IDS, NS * 15 // 100) | {dialect.MAVLINK_MSG_ID_COMMAND_LONG: NS // 2}
 """Longest time for which such a message may wait. Distances describe the present, and new ones follow at 10 Hz or more; a command
 was decided by the flight mode of its time, and is repeated by its sender."""
 
@@ -77,12 +78,12 @@ class Outbox:
 
 def _one_scan(a: Any, b: Any) -> bool:
     """True if two messages are of one scan of points, which has one time."""
-    return a.get_msgId() == b.get_msgId() == OBSTACLE_DISTANCE_3D_ID and bool(a.time_boot_ms == b.time_boot_ms)
+    return a.get_msgId() == b.get_msgId() == _POINT_ID and bool(a.time_boot_ms == b.time_boot_ms)
 
 
 def _replaced(waiting: Any, new: Any) -> bool:
     """True if a waiting message has older obstacles of the same kind than a new one."""
     old_id, new_id = waiting.get_msgId(), new.get_msgId()
-    if old_id in _SCANS and new_id in _SCANS:
+    if old_id in SCAN_IDS and new_id in SCAN_IDS:
         return not _one_scan(waiting, new)
-    return old_id == new_id == DISTANCE_SENSOR_ID and bool(waiting.orientation == new.orientation)
+    return old_id == new_id == dialect.MAVLINK_MSG_ID_DISTANCE_SENSOR and bool(waiting.orientation == new.orientation)

@@ -14,10 +14,8 @@ from fastcrc.crc16 import mcrf4xx
 from .anomalies import LinkAnomaly
 from .dialect import dialect
 
-MAVLINK1, MAVLINK2 = 0xFE, 0xFD
-_SIGNED, SIGNATURE_BYTES = 1, 13
-
-
+MAVLINK1, MAVLINK2 = dialect.PROTOCOL_MARKER_V1, dialect.PROTOCOL_MARKER_V2
+_SIGNED, SIGNATURE_BYTES = dialect.MAVLINK_IFLAG_SIGNED, dialect.MAVLINK_SIGNATURE_BLOCK_LEN
 _DECODER = dialect.MAVLink(None)
 
 

@@ -10,7 +10,7 @@ from typing import Any
 
 from .clock_sync import NS
 from .commands import SET_MESSAGE_INTERVAL, set_message_interval
-from .dialect import MAV_COMP_ID_AUTOPILOT1, dialect
+from .dialect import dialect
 
 WINDOW_NS = 2 * NS
 """Time over which a rate is measured."""
@@ -18,7 +18,6 @@ FIRST_WAIT_NS, LONGEST_WAIT_NS = 2 * NS, 30 * NS
 """Time after a request before the next one; doubled each time."""
 ENOUGH = 0.8
 """Sufficient share of the wanted rate."""
-MAV_RESULT_UNSUPPORTED = 3
 STREAMS = {30: 10, 31: 10, 32: 6, 331: 6}
 """Data stream of a message in the old request: MAV_DATA_STREAM_EXTRA1, MAV_DATA_STREAM_POSITION."""
 
@@ -60,7 +59,7 @@ class RateMonitor:
     def acknowledged(self, command: int, result: int) -> None:
         """Handles a COMMAND_ACK. An autopilot that does not know SET_MESSAGE_INTERVAL gets REQUEST_DATA_STREAM
         instead."""
-        if command == SET_MESSAGE_INTERVAL and result == MAV_RESULT_UNSUPPORTED:
+        if command == SET_MESSAGE_INTERVAL and result == dialect.MAV_RESULT_UNSUPPORTED:
             self.knows_intervals = False
 
     def restart(self) -> None:
@@ -108,7 +107,7 @@ class RateMonitor:
             if stream not in flowing:
                 rates[stream] = max(rates.get(stream, 0), round(w.hz))
         return [
-            dialect.MAVLink_request_data_stream_message(system, MAV_COMP_ID_AUTOPILOT1, stream, hz, 1)
+            dialect.MAVLink_request_data_stream_message(system, dialect.MAV_COMP_ID_AUTOPILOT1, stream, hz, 1)
             for stream, hz in rates.items()
         ]
 

@@ -15,7 +15,7 @@ from .anomalies import LinkAnomaly
 from .bandwidth import LinkBudget, budget_of
 from .clock_sync import NS, ClockFilter, ClockSource
 from .conflicts import ConflictDetector
-from .dialect import MAV_AUTOPILOT_INVALID, MAV_COMP_ID_AUTOPILOT1, dialect
+from .dialect import dialect
 from .heartbeats import Arrivals, Heartbeats
 from .motion import MOTION, MotionDecoder
 from .outbox import OBSTACLE_IDS, Outbox
@@ -25,7 +25,7 @@ from .session_types import (
     ARDUPILOT,
     ATTITUDE_ID,
     ATTITUDE_QUATERNION_ID,
-    LOCAL_POSITION_ID,
+    LOCAL_POSITION_NED_ID,
     PX4,
     LinkStatus,
     MavlinkParams,
@@ -35,18 +35,13 @@ from .signing import Signing, for_the_log
 from .timesync import TimeSync
 from .transport import Chunk, Source
 
-MAV_TYPE_ONBOARD_CONTROLLER = 18
-MAV_STATE_STANDBY, MAV_STATE_ACTIVE, MAV_STATE_CRITICAL = 3, 4, 5
-MAV_MODE_FLAG_SAFETY_ARMED = 128
-AUTOPILOTS = {3: ARDUPILOT, 12: PX4}
+AUTOPILOTS = {dialect.MAV_AUTOPILOT_ARDUPILOTMEGA: ARDUPILOT, dialect.MAV_AUTOPILOT_PX4: PX4}
 SILENT_NS = 3 * NS
 """Without messages for this long an autopilot counts as disconnected; another one may take its place."""
-HEARTBEAT_ID, COMMAND_ACK_ID, TIMESYNC_ID = 0, 77, 111
-_READ = frozenset({HEARTBEAT_ID, COMMAND_ACK_ID})
+_READ = frozenset({dialect.MAVLINK_MSG_ID_HEARTBEAT, dialect.MAVLINK_MSG_ID_COMMAND_ACK})
 MOST_SOURCES = 16
 BROADCAST = 0
 """As target, this system id names all vehicles: an autopilot that uses it could not be commanded alone."""
-STATUSTEXT_ID = 253
 
 
 class MavlinkSession:
@@ -78,7 +73,7 @@ class MavlinkSession:
             foreign_ids: ids of messages for on_foreign."""
         self.params = params or MavlinkParams()
         self.clock = ClockFilter()
-        self.system_status = MAV_STATE_STANDBY
+        self.system_status = dialect.MAV_STATE_STANDBY
         self.vehicle: Vehicle | None = None
         self._expected = expected
         if expected is not None and (
@@ -156,7 +151,7 @@ class MavlinkSession:
             self._on_frame(logged, arrival_ns)
         if vehicle is None and self._expected is not None:
             vehicle = self._recognised(frame)
-        own = vehicle is not None and frame.system == vehicle.system_id and frame.component == MAV_COMP_ID_AUTOPILOT1
+        own = self._from_autopilot(frame)
         if not own:
             self._conflicts.received(frame, vehicle.system_id if vehicle else 0, arrival_ns)
         if frame.id in self._foreign_ids and self._on_foreign is not None:
@@ -170,7 +165,7 @@ class MavlinkSession:
 
     def _take_other(self, frame: Frame, arrival_ns: int, *, from_autopilot: bool) -> None:
         """Takes a message that is not motion."""
-        if frame.id == TIMESYNC_ID:
+        if frame.id == dialect.MAVLINK_MSG_ID_TIMESYNC:
             self._timesync.take(frame, arrival_ns, from_autopilot=from_autopilot)
             self._follow_clock()
         if not self._is_read(frame.id):
@@ -187,7 +182,7 @@ class MavlinkSession:
         """Returns the expected vehicle if the frame is of its autopilot. In flight its next heartbeat may arrive too
         late."""
         expected = self._expected
-        if expected is None or (frame.system, frame.component) != (expected.system_id, MAV_COMP_ID_AUTOPILOT1):
+        if expected is None or (frame.system, frame.component) != (expected.system_id, dialect.MAV_COMP_ID_AUTOPILOT1):
             return None
         self._expected, self.vehicle = None, expected
         return expected
@@ -209,13 +204,13 @@ class MavlinkSession:
         return sample
 
     def _read(self, kind: int, message: Any, arrival_ns: int) -> None:
-        if kind == HEARTBEAT_ID:
+        if kind == dialect.MAVLINK_MSG_ID_HEARTBEAT:
             self._heartbeat(message, arrival_ns)
         if not self._from_autopilot(message):
             return
         self._note_autopilot(kind, arrival_ns)
         self._follow_clock()
-        if kind == COMMAND_ACK_ID:
+        if kind == dialect.MAVLINK_MSG_ID_COMMAND_ACK:
             if not self._is_answer(message):
                 return
             self.rates.acknowledged(int(message.command), int(message.result))
@@ -243,12 +238,12 @@ class MavlinkSession:
         return (
             v is not None
             and message.get_srcSystem() == v.system_id
-            and message.get_srcComponent() == MAV_COMP_ID_AUTOPILOT1
+            and message.get_srcComponent() == dialect.MAV_COMP_ID_AUTOPILOT1
         )
 
     def _heartbeat(self, m: Any, arrival_ns: int) -> None:
         system = m.get_srcSystem()
-        if m.autopilot == MAV_AUTOPILOT_INVALID or m.get_srcComponent() != MAV_COMP_ID_AUTOPILOT1:
+        if m.autopilot == dialect.MAV_AUTOPILOT_INVALID or m.get_srcComponent() != dialect.MAV_COMP_ID_AUTOPILOT1:
             return
         if system == BROADCAST:
             self.counts[LinkAnomaly.OTHER_VEHICLE] += 1
@@ -272,7 +267,7 @@ class MavlinkSession:
             system,
             self._conflicts.kind(AUTOPILOTS.get(int(m.autopilot), f"autopilot {int(m.autopilot)}"), arrival_ns),
             int(m.type),
-            bool(int(m.base_mode) & MAV_MODE_FLAG_SAFETY_ARMED),
+            bool(int(m.base_mode) & dialect.MAV_MODE_FLAG_SAFETY_ARMED),
             int(m.custom_mode),
             self._earliest_ns,
             data[0] == MAVLINK1,
@@ -330,7 +325,9 @@ class MavlinkSession:
         messages: list[Any] = []
         if not self.connected(now_ns):
             rejected = self._signing.rejects_autopilot(now_ns)
-            ids = {STATUSTEXT_ID} if rejected else OBSTACLE_IDS if self.fell_silent(now_ns) else set()
+            ids = (
+                {dialect.MAVLINK_MSG_ID_STATUSTEXT} if rejected else OBSTACLE_IDS if self.fell_silent(now_ns) else set()
+            )
             kept, dropped = self._outbox.take_only(ids, now_ns)
             self.counts[LinkAnomaly.UNSENT_NO_AUTOPILOT] += dropped
             if (sends_first or rejected) and now_ns >= self._next_heartbeat_ns:
@@ -347,7 +344,7 @@ class MavlinkSession:
     def _own_heartbeat(self, now_ns: int) -> Any:
         self._next_heartbeat_ns = now_ns + NS
         return dialect.MAVLink_heartbeat_message(
-            MAV_TYPE_ONBOARD_CONTROLLER, MAV_AUTOPILOT_INVALID, 0, 0, self.system_status, 3
+            dialect.MAV_TYPE_ONBOARD_CONTROLLER, dialect.MAV_AUTOPILOT_INVALID, 0, 0, self.system_status, 3
         )
 
     def _pack(self, message: Any) -> bytes:
@@ -379,7 +376,7 @@ class MavlinkSession:
             clock=self.clock.estimate_at(now_ns),
             clock_restarts=self.clock.restarts,
             attitude_hz=rate(attitude_id, now_ns),  # of the kind that is used
-            position_hz=rate(LOCAL_POSITION_ID, now_ns),
+            position_hz=rate(LOCAL_POSITION_NED_ID, now_ns),
             received=self.received,
             counts={what.value: often for what, often in counts.items() if often},
             signed=self._signing.good(now_ns),

@@ -11,7 +11,7 @@ from .rates import RateRequest
 
 PX4, ARDUPILOT = "PX4", "ArduPilot"
 """Kinds of autopilots, see `Vehicle.autopilot`."""
-ATTITUDE_ID, ATTITUDE_QUATERNION_ID, LOCAL_POSITION_ID = 30, 31, 32
+ATTITUDE_ID, ATTITUDE_QUATERNION_ID, LOCAL_POSITION_NED_ID = 30, 31, 32
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -36,7 +36,7 @@ class MavlinkParams:
         return (
             RateRequest(ATTITUDE_QUATERNION_ID, "ATTITUDE_QUATERNION", self.attitude_hz),
             RateRequest(ATTITUDE_ID, "ATTITUDE", self.attitude_hz, instead_of=ATTITUDE_QUATERNION_ID),
-            RateRequest(LOCAL_POSITION_ID, "LOCAL_POSITION_NED", self.position_hz),
+            RateRequest(LOCAL_POSITION_NED_ID, "LOCAL_POSITION_NED", self.position_hz),
         )
 
 

@@ -19,16 +19,15 @@ from typing import Any
 
 from .anomalies import LinkAnomaly
 from .clock_sync import NS
-from .dialect import MAV_COMP_ID_AUTOPILOT1, dialect
+from .dialect import dialect
+from .parser import MAVLINK2, SIGNATURE_BYTES
 from .signing_clock import TICKS_PER_S, SigningClock
 from .signing_key import KEY_BYTES, SigningKey, signature_of
 
-SIGNED_FLAG, BLOCK_BYTES, MAVLINK2 = 1, 13, 0xFD
 NEW_STREAM_TICKS = 60 * TICKS_PER_S
 """Largest lag of the timestamp of a new sender."""
 RECENT_NS = 5 * NS
 """Only messages of the autopilot within this time decide which fault is reported."""
-SETUP_SIGNING_ID, HEARTBEAT_ID = 256, 0
 _NO_KEY = bytes(KEY_BYTES)
 
 
@@ -95,8 +94,8 @@ class Signing:
             self.counts[ANOMALIES[verdict]] += 1
         system = message.get_srcSystem()
         # without a key an autopilot is known by its heartbeat only; before it there is no receiver
-        counts = verdict is not Verdict.UNCHECKED or message.get_msgId() == HEARTBEAT_ID
-        if counts and message.get_srcComponent() == MAV_COMP_ID_AUTOPILOT1 and vehicle in (0, system):
+        counts = verdict is not Verdict.UNCHECKED or message.get_msgId() == dialect.MAVLINK_MSG_ID_HEARTBEAT
+        if counts and message.get_srcComponent() == dialect.MAV_COMP_ID_AUTOPILOT1 and vehicle in (0, system):
             if verdict is Verdict.GOOD and not self._recent(verdict, arrival_ns):
                 self._good_since_ns = arrival_ns
             self._autopilot_ns[verdict] = arrival_ns
@@ -192,16 +191,16 @@ def for_the_log(message: Any) -> bytes | None:
     """Returns a message's frame for the log, without its signature; None for SETUP_SIGNING, which contains the key.
 
     Signatures are left out because they help to find the key."""
-    if message.get_msgId() == SETUP_SIGNING_ID:
+    if message.get_msgId() == dialect.MAVLINK_MSG_ID_SETUP_SIGNING:
         return None
     frame = bytes(message.get_msgbuf())
     if not _signed(frame):
         return frame
-    plain = bytearray(frame[: -BLOCK_BYTES - 2])
-    plain[2] &= ~SIGNED_FLAG
+    plain = bytearray(frame[: -SIGNATURE_BYTES - 2])
+    plain[2] &= ~dialect.MAVLINK_IFLAG_SIGNED
     checked = dialect.x25crc(bytes(plain[1:]) + bytes([message.crc_extra]))
     return bytes(plain) + int(checked.crc).to_bytes(2, "little")
 
 
 def _signed(frame: bytes | bytearray) -> bool:
-    return frame[0] == MAVLINK2 and frame[2] & SIGNED_FLAG != 0
+    return bool(frame[0] == MAVLINK2 and frame[2] & dialect.MAVLINK_IFLAG_SIGNED)

@@ -18,9 +18,9 @@ from typing import Any
 
 from ..base import BadData, DeviceNotFound
 from ..regular_file import regular
-from .dialect import MAV_AUTOPILOT_INVALID, MAV_COMP_ID_AUTOPILOT1, dialect
+from .dialect import dialect
+from .parser import MAVLINK1, MAVLINK2
 
-MAVLINK1, MAVLINK2 = 0xFE, 0xFD
 _MARK = re.compile(b"[\xfd\xfe]")
 MAX_DRIFT = 200e-6
 """Clocks differ by up to about 75 ppm: a greater fitted drift is noise, and the drift is then 0."""
@@ -116,7 +116,7 @@ def read_tlog(path: Path) -> Tlog:
             is_known = message is not None and not message.get_type().startswith("UNKNOWN_")
             if is_known:
                 messages += 1
-                if message.get_srcComponent() == MAV_COMP_ID_AUTOPILOT1 and message.get_type() in _KEPT:
+                if message.get_srcComponent() == dialect.MAV_COMP_ID_AUTOPILOT1 and message.get_type() in _KEPT:
                     stamp = int(struct.unpack_from(">Q", data, at)[0])
                     records.append(TlogRecord(stamp, message.get_srcSystem(), message))
             # the checksum of an unknown message cannot be computed: what follows it shows that it is one
@@ -208,7 +208,7 @@ def _vehicle(log: Tlog, system: int | None) -> int:
     autopilots = {
         r.system
         for r in log.records
-        if r.message.get_type() == "HEARTBEAT" and r.message.autopilot != MAV_AUTOPILOT_INVALID
+        if r.message.get_type() == "HEARTBEAT" and r.message.autopilot != dialect.MAV_AUTOPILOT_INVALID
     }
     # a log cut out of the middle may hold no heartbeat: a sender of attitudes with component 1 is an autopilot too
     found = autopilots or {r.system for r in log.records if r.message.get_type().startswith("ATTITUDE")}

@@ -6,17 +6,17 @@ from collections import Counter, OrderedDict
 from typing import Any, Final
 
 from ..mavlink.dialect import dialect
-from ..mavlink.parser import Frame, MessageSplitter
+from ..mavlink.parser import SIGNATURE_BYTES, Frame, MessageSplitter
 from ..mavlink.signing import Signing
 from ..mavlink.transport import Source
 from .link import ReceivedPacket
 
-TUNNEL_ID: Final = 385
+TUNNEL_ID: Final = dialect.MAVLINK_MSG_ID_TUNNEL
 PAYLOAD_TYPE: Final = 0xA05A
 """41050: above 32767, so it is for private use (MAV_TUNNEL_PAYLOAD_TYPE)."""
 PAYLOAD_BYTES: Final = 128
-FRAME_BYTES, SIGNATURE_BYTES = 17, 13
-"""Header, checksum and the fields before the payload; and a signature."""
+FRAME_BYTES: Final = 17
+"""Header, checksum and the fields before the payload."""
 LINK_ID: Final = 1
 """Of the signatures: the line to the autopilot has 0, each with timestamps of its own."""
 NAME: Final = "tunnel"

@@ -11,7 +11,7 @@ from core.types import AttitudeSample
 from drivers.mavlink.commands import DO_SET_MODE, set_px4_hold
 from drivers.mavlink.dialect import dialect
 from drivers.mavlink.parser import MessageSplitter
-from drivers.mavlink.session import MAV_STATE_CRITICAL, MavlinkSession
+from drivers.mavlink.session import MavlinkSession
 from drivers.mavlink.session_types import MavlinkParams, Vehicle
 from drivers.simulation.autopilot import ARDUPILOT, PX4, SimulatedAutopilot
 from drivers.simulation.firmware_profile import FirmwareProfile, hovering
@@ -99,12 +99,12 @@ def test_a_hello_goes_out_on_a_line_whose_other_end_waits_for_it() -> None:
 
 def test_our_heartbeat_reports_what_we_are_and_how_the_pipeline_is() -> None:
     c = talk(PX4)
-    c.session.system_status = MAV_STATE_CRITICAL
+    c.session.system_status = dialect.MAV_STATE_CRITICAL
     c.run(3.0)
     beats = c.autopilots[0].of_kind("HEARTBEAT")
     assert len(beats) in (3, 4)
     last = beats[-1]
-    assert (last.type, last.autopilot, last.system_status) == (18, 8, MAV_STATE_CRITICAL)
+    assert (last.type, last.autopilot, last.system_status) == (18, 8, dialect.MAV_STATE_CRITICAL)
     assert (last.get_srcSystem(), last.get_srcComponent()) == (1, 196)
     assert last.get_msgbuf()[0] == 0xFD
 
