@@ -49,9 +49,6 @@ class FrameListSource:
         """Sequence of each frame -> name of its file."""
         return {row.number: row.file for row in self._rows}
 
-    def close(self) -> None:
-        """Does nothing: no file stays open."""
-
     def events(self) -> Iterator[Event]:
         """All events in order of arrival; images are read when due."""
 

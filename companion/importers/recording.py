@@ -71,8 +71,6 @@ def import_recording(path: Path, output: Path, options: ImportOptions, config: C
     except KeyboardInterrupt as interrupt:
         done = f"{counted.kinds[DepthFrame]} of {source.frame_count} frames"
         raise KeyboardInterrupt(f"interrupted after {done}; {output} was not written") from interrupt
-    finally:
-        source.close()
     if not counted.kinds[DepthFrame]:
         raise _with_problems(f"{path}: no frame could be used, so that {output} was not written", report)
     return Imported(
@@ -168,6 +166,3 @@ class _Counted:
                 self._exposures.append(event.t_exposure_ns)
                 self.depth.add(event.depth_mm)
             yield event
-
-    def close(self) -> None:
-        self._source.close()

@@ -44,9 +44,6 @@ class Ros2Source:
         """The camera."""
         return (self._info,)
 
-    def close(self) -> None:
-        """Does nothing: no file stays open."""
-
     def events(self) -> Iterator[Event]:
         """All events in order of arrival."""
         items: list[AttitudeSample | PoseSample] = [*self._attitudes, *self._poses]
@@ -196,7 +193,7 @@ class Ros2Source:
         pose = self._pose_topic(attitude)
         self._report.note(f"attitude from {attitude}, position from {pose or 'no topic'}")
         self._report_px4_positions(pose)
-        invalid = self._scan.motion.unusable(attitude)
+        invalid = self._scan.motion.unusable[attitude]
         if invalid:
             self._report.problem(
                 "attitude",

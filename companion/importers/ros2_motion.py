@@ -63,9 +63,10 @@ class Motion:
     def __init__(self, base_frame: str) -> None:
         self._base = base_frame
         self._readings: dict[str, list[Reading]] = {}
-        self._invalid: dict[str, int] = {}
         self._px4: dict[str, str] = {}
         self._places: dict[str, list[Px4Place]] = {}
+        self.unusable: Counter[str] = Counter()
+        """Topic -> number of messages that were not rotations, or of a failed estimator."""
         self.invalid_positions: Counter[str] = Counter()
         """Topic -> number of messages of PX4 whose position is not valid, or in a frame that does not point north."""
         self.without_orientation: Counter[str] = Counter()
@@ -99,10 +100,6 @@ class Motion:
         """Whether a topic is a VehicleOdometry, which PX4 sends also while its position is not valid."""
         return topic is not None and self._px4.get(topic) == VEHICLE_ODOMETRY
 
-    def unusable(self, topic: str) -> int:
-        """Number of messages of a topic that were not rotations, or of a failed estimator."""
-        return self._invalid.get(topic, 0)
-
     def add_message(self, topic: str, kind: str, message: Any, t_ns: int, log_ns: int) -> None:
         """Adds one message of a type in MOTION_TYPES."""
         if kind in PX4_TYPES:
@@ -125,7 +122,7 @@ class Motion:
                 body = message.child_frame_id or self._base
                 rates, velocity = _vector(message.twist.twist.angular), _vector(message.twist.twist.linear)
         if R is None:
-            self._invalid[topic] = self._invalid.get(topic, 0) + 1
+            self.unusable[topic] += 1
         else:
             self._add(topic, Reading(t_ns, log_ns, R, t_m, rates, velocity, world, body))
 
@@ -141,7 +138,7 @@ class Motion:
             return
         R_ned_frd = px4_rotation(message)
         if R_ned_frd is None or (kind == VEHICLE_ODOMETRY and message.quality < 0):  # negative: the estimator failed
-            self._invalid[topic] = self._invalid.get(topic, 0) + 1
+            self.unusable[topic] += 1
             return
         R_world_ned, R_frd_base = to_ned("").T, to_frd(self._base)
         rates = velocity = t_m = None
@@ -173,7 +170,7 @@ class Motion:
         """Adds a changing geometry_msgs/TransformStamped; one of the base frame is a reading."""
         placed = rigid(message.transform.translation, message.transform.rotation)
         if placed is None:
-            self._invalid[topic] = self._invalid.get(topic, 0) + 1
+            self.unusable[topic] += 1
             return
         self.tree.add(message.header.frame_id, message.child_frame_id, placed)
         if message.child_frame_id.lstrip("/") == self._base:

@@ -10,7 +10,7 @@ import struct
 import zlib
 from array import array
 from collections.abc import Iterable, Sequence
-from typing import Any, Final, Protocol
+from typing import Any, BinaryIO, Final
 
 from fastcrc.crc32 import iso_hdlc
 from mcap.data_stream import RecordBuilder
@@ -40,22 +40,12 @@ _START: Final = 1 << 16
 Part = bytes | memoryview
 
 
-class Sink(Protocol):
-    """The file operations that the writer needs."""
-
-    def write(self, data: Part, /) -> int:
-        """Writes all bytes."""
-
-    def flush(self) -> None:
-        """Passes buffered bytes to the system."""
-
-
 class McapWriter:
     """An MCAP file being written: `start`, then channels and messages, then `finish`, which leaves the stream open.
 
     level: of zstandard; a lower level, also below 0, is faster and gives larger files."""
 
-    def __init__(self, stream: Sink, chunk_bytes: int, level: int = ZSTD_LEVEL) -> None:
+    def __init__(self, stream: BinaryIO, chunk_bytes: int, level: int = ZSTD_LEVEL) -> None:
         self._stream, self._chunk_bytes = stream, chunk_bytes
         self._compressor = ZstdCompressor(level=level)
         self._buffer = memoryview(bytearray(_START))

@@ -88,7 +88,6 @@ class Fit:
 
     result: FitResult  # result
     placement: Placement  # refined if the result is ACCEPTED, otherwise that by position
-    matched_m: float = 0.0  # length of matched planes
     agreeing: float = math.nan  # share of the samples in the common area that match
 
 
@@ -142,10 +141,9 @@ def fit(other_box: Floats, own_box: Floats, prior: Placement) -> Fit:
     fine_pairs = sample_pairs(other, own, own_box, FINE_EXTENDED_M)
     found = _posterior(sample_pairs(other, own, own_box), fine_pairs, centre, prior)
     matches = _matches(other, own, found.place)
-    matched_m = SAMPLE_M * len(matches.other)
     result = _judged(found, matches, centre, prior)
     if result is not FitResult.ACCEPTED:
-        return Fit(result, prior, matched_m, matches.agreeing)
+        return Fit(result, prior, matches.agreeing)
     z_m, sigma_z_m = _height(other_box, own_box, matches, prior)
     x, y, yaw = found.place
     px, py = (centre + np.array(prior.pivot_m[:2])).tolist()
@@ -159,7 +157,7 @@ def fit(other_box: Floats, own_box: Floats, prior: Placement) -> Fit:
         sigma_yaw_rad=found.sigma_yaw_rad,
         refined=True,
     )
-    return Fit(FitResult.ACCEPTED, placement, matched_m, matches.agreeing)
+    return Fit(FitResult.ACCEPTED, placement, matches.agreeing)
 
 
 def agree(a: Placement, b: Placement) -> bool:

@@ -106,9 +106,6 @@ class SimulatedFlight:
         """All cameras of the vehicle."""
         return self._cameras
 
-    def close(self) -> None:
-        """Nothing is held open."""
-
     def state(self, t_ns: int) -> VehicleState:
         """The true state of the vehicle at an instant."""
         return self.plan.path.at((t_ns - self.start_ns) * 1e-9)

@@ -45,7 +45,7 @@ the attitude, not the way to rest, since the controllers compensate it."""
 PX4_MISSION, PX4_RETURN = px4_mode_number(PX4_AUTO, 4), px4_mode_number(PX4_AUTO, 5)
 PX4_HOLD, PX4_OFFBOARD = px4_mode_number(PX4_AUTO, PX4_AUTO_LOITER), px4_mode_number(6, 0)
 COPTER_AUTO, COPTER_GUIDED, COPTER_RTL = 3, 4, 6
-ACCEPTED, DENIED, UNSUPPORTED, FAILED = 0, 2, 3, 4
+ACCEPTED, DENIED, FAILED = 0, 2, 4
 """MAV_RESULT."""
 
 
