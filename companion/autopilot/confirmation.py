@@ -110,7 +110,7 @@ def _north_aligned(result: PrismsResult, model: FrameModel) -> _Planes:
     ends = model.planes[:, :4].astype(np.float64)
     if result.frame == "ned":
         return _Planes(result.t_exposure_ns, ends, fixed=True)
-    turn = LevelTransform(heading_rad(result) if result.attitude is not None else 0.0, (0.0, 0.0, 0.0))
+    turn = LevelTransform(heading_rad(result) if result.attitude is not None else 0.0)
     turned = np.stack(turn.places(ends[:, [0, 2]], ends[:, [1, 3]]), axis=2).reshape(len(ends), 4)
     return _Planes(result.t_exposure_ns, turned, fixed=False)
 

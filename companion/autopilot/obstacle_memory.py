@@ -160,4 +160,4 @@ class ObstacleMemory:
 
 def rotated(xy: NDArray[np.float64], middle: NDArray[np.float64], angle_rad: float) -> NDArray[np.float64]:
     """Returns places (north, east), (N, 2), turned clockwise about one of them, (2,)."""
-    return np.stack(LevelTransform(angle_rad, (0.0, 0.0, 0.0)).places(*(xy - middle).T), axis=1) + middle
+    return np.stack(LevelTransform(angle_rad).places(*(xy - middle).T), axis=1) + middle

@@ -82,7 +82,7 @@ class VehicleMotion:
         velocity, here = self.velocity_ned_m_s(now_ns), self.last_here
         if velocity is None or here is None:
             return None
-        forward, right = LevelTransform(-here.heading_rad, (0.0, 0.0, 0.0)).places(*velocity[:2])
+        forward, right = LevelTransform(-here.heading_rad).places(*velocity[:2])
         return (forward, right) if math.isfinite(forward) and math.isfinite(right) else None
 
     def placed(self, result: PrismsResult, here: Here) -> bool:
@@ -102,7 +102,7 @@ class VehicleMotion:
     def _flown_m(self, result: PrismsResult, here: Here) -> tuple[float, float, float]:
         """Returns the distance flown since a result at the present velocity, in level; 0 where no velocity is known."""
         north, east, down = here.velocity_ned_m_s or (0.0, 0.0, 0.0)
-        forward, right = LevelTransform(-here.heading_rad, (0.0, 0.0, 0.0)).places(north, east)
+        forward, right = LevelTransform(-here.heading_rad).places(north, east)
         age_s = max(0, self._here_ns - seen_ns(result)) / NS
         return forward * age_s, right * age_s, down * age_s
 

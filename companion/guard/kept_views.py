@@ -65,7 +65,7 @@ def _moved(then: Here, now: Here) -> KeptDecision | None:
     if then.position_ned_m is None or now.position_ned_m is None or then.estimate != now.estimate:
         return None
     north, east, down = (b - a for a, b in zip(then.position_ned_m, now.position_ned_m, strict=True))
-    forward, right = LevelTransform(-then.heading_rad, (0.0, 0.0, 0.0)).places(north, east)
+    forward, right = LevelTransform(-then.heading_rad).places(north, east)
     return KeptDecision(LevelTransform(now.heading_rad - then.heading_rad, (forward, right, down)))
 
 

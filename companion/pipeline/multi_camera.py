@@ -153,7 +153,7 @@ def transform_to_level(result: PrismsResult, target_heading_rad: float) -> Level
             raise ValueError(f"camera {result.camera}: a result in ned without a position cannot be transformed")
         x, y, z = result.pose.position_ned_m
         return LevelTransform(target_heading_rad, (x, y, z)).inverse()
-    return LevelTransform(math.remainder(heading_rad(result) - target_heading_rad, math.tau), (0.0, 0.0, 0.0))
+    return LevelTransform(math.remainder(heading_rad(result) - target_heading_rad, math.tau))
 
 
 def compose(second: LevelTransform, first: LevelTransform) -> LevelTransform:

@@ -110,7 +110,7 @@ def tracking_frame(result: PrismsResult) -> tuple[TrackingFrame | None, float]:
     heading_rad = level_cam_at(result.attitude.q_ned_frd_wxyz, CameraMount())[2]
     c, s = math.cos(heading_rad), math.sin(heading_rad)
     x, y, z = result.transform.translation_m
-    model = transform_model(result.model, LevelTransform(heading_rad, (0.0, 0.0, 0.0)))
+    model = transform_model(result.model, LevelTransform(heading_rad))
     at = (c * x - s * y, s * x + c * y, z)
     frame = TrackingFrame(
         model=model,

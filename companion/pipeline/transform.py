@@ -24,7 +24,7 @@ class LevelTransform:
     """p_frame = Rz(yaw_rad) p_level_cam + translation_m; translation_m is the position of the camera."""
 
     yaw_rad: float
-    translation_m: tuple[float, float, float]
+    translation_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     def places(self, x_m: _Place, y_m: _Place) -> tuple[_Place, _Place]:
         """Returns (x, y), m, in the target frame of places x, y of level_cam; of any shape."""

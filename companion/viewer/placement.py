@@ -12,7 +12,7 @@ from .frame import FrameStatus, ViewFrame
 def ned_from_level_cam(frame: ViewFrame) -> LevelTransform:
     """level_cam -> ned, with the origin at the vehicle where the frame has no position. Identity without an attitude."""
     if frame.R_ned_frd is None:
-        return LevelTransform(0.0, (0.0, 0.0, 0.0))
+        return LevelTransform(0.0)
     yaw_rad, t_level = frame.level_from_level_cam
     R_ned_level = rotation_level_ned(frame.heading_rad).T
     north_m, east_m, down_m = (R_ned_level @ t_level + (frame.position_ned_m or (0.0, 0.0, 0.0))).tolist()

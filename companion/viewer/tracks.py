@@ -80,4 +80,4 @@ def _mover(o: pb.MovingObstacle, angle_rad: float, at: NDArray[np.float64]) -> d
 
 def _turned(xy: NDArray[np.float64], angle_rad: float) -> NDArray[np.float64]:
     """Points (N, 2) rotated about the vertical."""
-    return np.stack(LevelTransform(angle_rad, (0.0, 0.0, 0.0)).places(*xy.T), axis=1)
+    return np.stack(LevelTransform(angle_rad).places(*xy.T), axis=1)
