@@ -1,11 +1,10 @@
-"""Obstacles of neighbours and packets as messages (osape.v1)."""
+"""Obstacles of neighbours as messages (osape.v1)."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 
 from core.sharing.obstacles import NeighbourStatus, SharedMovingObstacle, SharedObstacles
-from drivers.sharing.link import ReceivedPacket
 from osape_client.proto import osape_v1_pb2 as pb
 
 SCHEMA_VERSION = 1
@@ -32,11 +31,6 @@ def obstacles_message(obstacles: SharedObstacles, section: int) -> pb.NeighbourO
 def neighbour_messages(statuses: Iterable[NeighbourStatus]) -> list[pb.NeighbourHealth]:
     """The states of the neighbours."""
     return [_neighbour(status) for status in statuses]
-
-
-def packet_message(packet: ReceivedPacket, refused: str) -> pb.TeamPacket:
-    """A received packet for the log. refused: code, empty: it was accepted."""
-    return pb.TeamPacket(transport=packet.transport, data=packet.data, sender=packet.sender or 0, refused=refused)
 
 
 def _mover(m: SharedMovingObstacle) -> pb.NeighbourMover:

@@ -6,12 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from core.sharing.records import SharedPlanes
+from core.sharing.records import PLANE_IDS, SharedPlanes
 from core.world.plane_index import BOX, columns
 from core.world.world import World
 
 NS = 1_000_000_000
-MOST_IDS = 1 << 16
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -28,7 +27,7 @@ def own_planes(world: World, now_ns: int, least_hits: int, range_m: float, most:
     section = world.section
     if section is None:
         return OwnPlanes(SharedPlanes.empty(), 0)
-    table = section.used_slots[:MOST_IDS]
+    table = section.used_slots[:PLANE_IDS]
     slots = np.flatnonzero(table["hits"] >= max(1, least_hits))
     box = columns(table[slots], BOX).astype(np.float64)
     x, y, _ = section.place_m

@@ -14,6 +14,7 @@ from core.types import AttitudeSample, PoseSample
 from core.world.world import World
 from drivers.mavlink.address import parse_address
 from drivers.mavlink.commands import request_message
+from drivers.mavlink.dialect import dialect
 from drivers.mavlink.link import MavlinkLink
 from drivers.mavlink.parser import Frame
 from drivers.mavlink.session import MavlinkSession
@@ -39,11 +40,7 @@ from .output import SharingOutput
 from .sharing_thread import OwnVehicle, Sharing
 
 NS: Final = 1_000_000_000
-GPS_GLOBAL_ORIGIN: Final = 49
-READS: Final = frozenset({GPS_GLOBAL_ORIGIN})
-"""Ids of the autopilot's messages that `message` needs."""
-FOREIGN_READS: Final = frozenset({TUNNEL_ID})
-"""Ids of messages of other vehicles that `foreign` needs."""
+GPS_GLOBAL_ORIGIN: Final = dialect.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN
 CLOCK_FILE: Final = "signing-clock-share"
 MOST_STREAM: Final = (1 << 32) - 1024
 """Leaves room for the streams that follow each other without a restart."""
@@ -54,8 +51,10 @@ class ShareService:
     """Connects `Sharing` with the service: messages of the autopilot in, requests out. All methods may be called before
     `open`."""
 
-    reads = READS
-    foreign_reads = FOREIGN_READS
+    reads = frozenset({GPS_GLOBAL_ORIGIN})
+    """Ids of the autopilot's messages that `message` needs."""
+    foreign_reads = frozenset({TUNNEL_ID})
+    """Ids of messages of other vehicles that `foreign` needs."""
 
     def __init__(
         self,
@@ -98,7 +97,7 @@ class ShareService:
         self._signing.close()
 
     def message(self, message: Any) -> None:
-        """A message of the autopilot, of READS."""
+        """A message of the autopilot, of `reads`."""
         if message.get_type() == "GPS_GLOBAL_ORIGIN" and self.sharing is not None:
             self._has_origin = True
             self.sharing.origin(message.latitude / 1e7, message.longitude / 1e7, message.altitude / 1e3)
@@ -134,7 +133,7 @@ class ShareService:
             report.team.CopyFrom(pb.TeamHealth(vehicle=report.team.vehicle))
 
     def foreign(self, frame: Frame, arrival_ns: int) -> None:
-        """A message of another vehicle, of FOREIGN_READS."""
+        """A message of another vehicle, of `foreign_reads`."""
         if self._tunnel is not None:
             self._tunnel.take(frame, arrival_ns)
 

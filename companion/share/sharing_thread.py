@@ -21,7 +21,7 @@ from ..config.share import ShareConfig
 from ..diagnostic import Diagnostic, DiagnosticCode
 from ..pipeline.tracking import TracksResult
 from .link_health import LinkHealth
-from .messages import neighbour_messages, obstacles_message, packet_message
+from .messages import neighbour_messages, obstacles_message
 from .output import SharingOutput
 from .own_motion import OwnMotion
 from .own_movers import OwnMovers
@@ -236,14 +236,14 @@ class Sharing:
         """Takes the waiting packets, and records them."""
         for _ in range(min(MOST_PER_STEP, len(self._packets))):
             packet = self._packets.popleft()
-            code = team.receive(packet.data, packet.arrival_ns, packet.sender)
-            if code:  # counted; a flood of refused packets does not fill the log
-                continue
+            if team.receive(packet.data, packet.arrival_ns, packet.sender):
+                continue  # refused, and counted; a flood of them does not fill the log
             self._has_new = True
             for link in self.links:
                 if link.name == packet.transport:
                     link.confirm(packet)
-            self._output.record("team", packet_message(packet, code), packet.arrival_ns)
+            message = pb.TeamPacket(transport=packet.transport, data=packet.data, sender=packet.sender or 0)
+            self._output.record("team", message, packet.arrival_ns)
 
     def _send(self, team: Team, now_ns: int) -> None:
         """Sends what is due, and records it."""

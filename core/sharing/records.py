@@ -11,8 +11,8 @@ from ..types import PlaneFlags, store_readonly
 
 CUT = PlaneFlags.CUT_LEFT | PlaneFlags.CUT_RIGHT | PlaneFlags.CUT_TOP | PlaneFlags.CUT_BOTTOM
 """It may continue beyond what was observed, at one of its sides."""
-MOVER_IDS = 1 << 15
-"""Number of the numbers of moving obstacles."""
+PLANE_IDS, MOVER_IDS = 1 << 16, 1 << 15
+"""Number of the numbers of planes, and of moving obstacles."""
 
 
 class PacketError(ValueError):
@@ -30,7 +30,7 @@ class SharedPlanes:
     ids: NDArray[np.uint16]  # (N,), the sender's number of each plane
     box: NDArray[np.float64]  # (N, 6) float64 a_x, a_y, b_x, b_y, top, bottom
     margin_m: NDArray[np.float64]  # (N,)
-    flags: NDArray[np.uint8]  # (N,) uint8 of SHARED_FLAGS
+    flags: NDArray[np.uint8]  # (N,) uint8 PlaneFlags
     age_s: NDArray[np.float64]  # (N,) float64 since the newest observation
 
     def __post_init__(self) -> None:

@@ -32,7 +32,7 @@ from .packet_codec import (
     state_packet,
 )
 from .plane_codec import LONG, SHORT, Anchor
-from .records import Header, Motion, PacketError, SharedMover, SharedPlanes, VehicleState
+from .records import PLANE_IDS, Header, Motion, PacketError, SharedMover, SharedPlanes, VehicleState
 from .send_budget import Budget, SentBytes
 
 NS = 1_000_000_000
@@ -54,7 +54,6 @@ NEAR_M = 40.0
 """A plane within this distance of the path of another vehicle is preferred."""
 AHEAD_S = 8.0
 """Length of that path."""
-MOST_IDS = 1 << 16
 LAST_MS = (1 << 32) - 1
 NEVER_NS = -(1 << 62)
 MOST_PACKETS = 4
@@ -77,9 +76,9 @@ class SendQueue:
 
     def __init__(self, vehicle: int, stream: int, begun_ns: int, budget: Budget) -> None:
         self._vehicle, self._stream, self._begun_ns, self._budget = vehicle, stream, begun_ns, budget
-        self._boxes = np.zeros((MOST_IDS, 6))
-        self._times = np.zeros(MOST_IDS, np.int32)
-        self._sent_ns = np.full(MOST_IDS, NEVER_NS, np.int64)
+        self._boxes = np.zeros((PLANE_IDS, 6))
+        self._times = np.zeros(PLANE_IDS, np.int32)
+        self._sent_ns = np.full(PLANE_IDS, NEVER_NS, np.int64)
         self._sent_ms, self._section, self._next_mover = -1, -1, 0
         self._sent = SentBytes(budget, begun_ns)
         self._state_ns = self._motion_ns = self._movers_ns = NEVER_NS
@@ -240,7 +239,7 @@ class SendQueue:
 
     def _forget(self, ids: NDArray[np.uint16]) -> None:
         """Forgets planes that are no longer in the own world: if their number is used again, the plane is new."""
-        there = np.zeros(MOST_IDS, bool)
+        there = np.zeros(PLANE_IDS, bool)
         there[ids] = True
         gone = (self._times > 0) & ~there
         self._times[gone], self._sent_ns[gone] = 0, NEVER_NS

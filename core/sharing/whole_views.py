@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from ..types import PlaneFlags
 from .bodies import MOST_HALF_HEIGHT_M, Body
-from .records import SharedMover, SharedPlanes
+from .records import PLANE_IDS, SharedMover, SharedPlanes
 
 Floats = NDArray[np.float64]
 FRESH_S = 0.5
@@ -29,7 +29,6 @@ NEARER_M = 0.5
 """Sides of one object are not that much nearer than each other."""
 MOST_NEARER = 300
 """Number of the obstacles that are compared, the first ones: planes are offered with the nearest first."""
-MOST_IDS = 1 << 16
 _LEAST_M = 0.1
 
 
@@ -37,7 +36,7 @@ class WholeViews:
     """Marks planes and moving obstacles that may be larger than they were observed."""
 
     def __init__(self) -> None:
-        self._partial = np.ones(MOST_IDS, bool)
+        self._partial = np.ones(PLANE_IDS, bool)
         self._partial_movers: dict[int, bool] = {}
         self._section = -1
 
@@ -49,7 +48,7 @@ class WholeViews:
         if section != self._section:
             self._section = section
             self._partial[:] = True
-        gone = np.ones(MOST_IDS, bool)
+        gone = np.ones(PLANE_IDS, bool)
         gone[planes.ids] = False
         self._partial[gone] = True
         low = planes.box[:, 5] - planes.box[:, 4] <= 2.0 * MOST_HALF_HEIGHT_M

@@ -14,7 +14,7 @@ from companion.config.loader import config_of
 from companion.diagnostic import DiagnosticCode
 from companion.paths import Folders
 from companion.share.autopilot_tunnel import AutopilotTunnel
-from companion.share.share_service import FOREIGN_READS, READS, REQUEST_AGAIN_NS, REQUEST_NS, ShareService
+from companion.share.share_service import REQUEST_AGAIN_NS, REQUEST_NS, ShareService
 from companion.streams.publication import PublicationStamps
 from core.types import PoseSample
 from drivers.base import DriverError
@@ -168,8 +168,8 @@ def test_packets_of_other_vehicles_over_the_link_of_the_autopilot_are_delivered(
         time.sleep(0.02)
         made.service.fill(report)
     assert dict(report.team.received) == {"other_payload": 1, "other_version": 1}, "the decoder got the first one"
-    assert {TUNNEL_ID} == FOREIGN_READS
-    assert {49} == READS
+    assert {TUNNEL_ID} == ShareService.foreign_reads
+    assert {49} == ShareService.reads
 
 
 def test_each_configured_link_is_made(tmp_path: Path) -> None:
