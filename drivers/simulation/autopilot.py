@@ -24,26 +24,28 @@ from .firmware_profile import FirmwareProfile, hovering
 from .flight_path import VehicleState
 
 NS = 1_000_000_000
-AUTOPILOT_IDS = {PX4: 12, ARDUPILOT: 3}
-_SET_MESSAGE_INTERVAL, _REQUEST_MESSAGE, _REQUEST_CAPABILITIES, _AUTOPILOT_VERSION = 511, 512, 520, 148
-_INT32, _REAL32 = 6, 9
-_HEARTBEAT, _ATTITUDE, _ATTITUDE_QUATERNION, _LOCAL_POSITION, _TIMESYNC = 0, 30, 31, 32, 111
-_DISTANCE_SENSOR, _OBSTACLE_DISTANCE, _EXTENDED_SYS_STATE = 132, 330, 245
+AUTOPILOT_IDS = {PX4: dialect.MAV_AUTOPILOT_PX4, ARDUPILOT: dialect.MAV_AUTOPILOT_ARDUPILOTMEGA}
+_HEARTBEAT, _TIMESYNC = dialect.MAVLINK_MSG_ID_HEARTBEAT, dialect.MAVLINK_MSG_ID_TIMESYNC
+_ATTITUDE, _ATTITUDE_QUATERNION = dialect.MAVLINK_MSG_ID_ATTITUDE, dialect.MAVLINK_MSG_ID_ATTITUDE_QUATERNION
+_LOCAL_POSITION = dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED
 _ATTITUDES = (_ATTITUDE, _ATTITUDE_QUATERNION)
-_STREAMS = {10: (_ATTITUDE,), 6: (_LOCAL_POSITION,)}
-_TAKEN_UNSIGNED = {PX4: {0, 109, 246, 247}, ARDUPILOT: {109, 166}}
-"""Messages that are accepted unsigned although a key is set: heartbeats (PX4 only), radio status, ADS-B and collision warnings."""
+_STREAMS = {dialect.MAV_DATA_STREAM_EXTRA1: (_ATTITUDE,), dialect.MAV_DATA_STREAM_POSITION: (_LOCAL_POSITION,)}
+_TAKEN_UNSIGNED = {
+    PX4: {"HEARTBEAT", "RADIO_STATUS", "ADSB_VEHICLE", "COLLISION"},
+    ARDUPILOT: {"RADIO_STATUS", "RADIO"},
+}
+"""Messages that are accepted unsigned although a key is set."""
 _STREAMED_UNASKED = {PX4: {_ATTITUDE: 100.0, _ATTITUDE_QUATERNION: 50.0, _LOCAL_POSITION: 30.0}, ARDUPILOT: {}}
 _MOST_HZ = {PX4: 1000.0, ARDUPILOT: 250.0}
 _LOOK_NS = 1_000_000
 """Time between two calls of `due` while a message is held back, because the attitude is hidden or the autopilot is silent."""
-
 _ANGLE_NOISE_RAD = 1e-5
 """The angles of an estimator are never equal to those before: companions refuse repeated ones."""
-
-_SYS_STATUS, _PROXIMITY = 1, 1 << 26
 _VERSIONS = {PX4: (1, 16, 0), ARDUPILOT: (4, 6, 2)}
-_VERSION_REQUESTS = ((_REQUEST_MESSAGE, _AUTOPILOT_VERSION), (_REQUEST_CAPABILITIES, 1))
+_VERSION_REQUESTS = (
+    (dialect.MAV_CMD_REQUEST_MESSAGE, dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION),
+    (dialect.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES, 1),
+)
 
 
 class SimulatedAutopilot:
@@ -122,7 +124,7 @@ class SimulatedAutopilot:
         if self.profile.key is None or not any(self.profile.key):
             return True
         if frame[0] != 0xFD or not frame[2] & 1:
-            return message.get_msgId() in _TAKEN_UNSIGNED[self.profile.kind]
+            return message.get_type() in _TAKEN_UNSIGNED[self.profile.kind]
         return bool(self._mavlink.check_signature(frame, message.get_srcSystem(), message.get_srcComponent()))
 
     def of_kind(self, kind: str) -> list[Any]:
@@ -135,15 +137,15 @@ class SimulatedAutopilot:
 
     def _command(self, message: Any, now_ns: int) -> None:
         asked = message.command, int(message.param1)
-        if message.command == _SET_MESSAGE_INTERVAL:
+        if message.command == dialect.MAV_CMD_SET_MESSAGE_INTERVAL:
             self._set_interval(int(message.param1), float(message.param2))
         elif asked in _VERSION_REQUESTS:
             self._report_version(int(message.command))
-        elif asked == (_REQUEST_MESSAGE, _SYS_STATUS):
-            present = _PROXIMITY if self.profile.proximity_started else 0
+        elif asked == (dialect.MAV_CMD_REQUEST_MESSAGE, dialect.MAVLINK_MSG_ID_SYS_STATUS):
+            present = dialect.MAV_SYS_STATUS_SENSOR_PROXIMITY if self.profile.proximity_started else 0
             self._answer(dialect.MAVLink_sys_status_message(present, present, present, *[0] * 10))
-        elif asked == (_REQUEST_MESSAGE, _HEARTBEAT):
-            self._answer(dialect.MAVLink_command_ack_message(_REQUEST_MESSAGE, 0))
+        elif asked == (dialect.MAV_CMD_REQUEST_MESSAGE, _HEARTBEAT):
+            self._answer(dialect.MAVLink_command_ack_message(message.command, dialect.MAV_RESULT_ACCEPTED))
             self._answer(self._heartbeat())
         else:
             ack = self._flight.answer(message, (self.profile.system_id, self.profile.component_id), now_ns)
@@ -169,23 +171,25 @@ class SimulatedAutopilot:
             self.heights.read(message, now_ns)
 
     def _set_interval(self, number: int, interval_us: float) -> None:
-        result = 0
+        result = dialect.MAV_RESULT_ACCEPTED
         if not self.profile.knows_intervals:
-            result = 3
+            result = dialect.MAV_RESULT_UNSUPPORTED
         elif number == _HEARTBEAT and self.profile.kind == PX4:
-            result = 4  # MavlinkReceiver::set_message_interval
+            result = dialect.MAV_RESULT_FAILED  # MavlinkReceiver::set_message_interval
         elif interval_us > 0 and 1e6 / interval_us > _MOST_HZ[self.profile.kind]:
-            result = 2
+            result = dialect.MAV_RESULT_DENIED
         elif interval_us > 0:
             self._intervals[number] = 1e6 / interval_us
         elif interval_us < 0:
             self._intervals.pop(number, None)
-        self._answer(dialect.MAVLink_command_ack_message(_SET_MESSAGE_INTERVAL, result))
+        self._answer(dialect.MAVLink_command_ack_message(dialect.MAV_CMD_SET_MESSAGE_INTERVAL, result))
 
     def _report_version(self, command: int) -> None:
         version = self.profile.version or _VERSIONS[self.profile.kind]
-        self._answer(dialect.MAVLink_command_ack_message(command, 3 if self.profile.hides_version else 0))
-        if not self.profile.hides_version:
+        hidden = self.profile.hides_version
+        result = dialect.MAV_RESULT_UNSUPPORTED if hidden else dialect.MAV_RESULT_ACCEPTED
+        self._answer(dialect.MAVLink_command_ack_message(command, result))
+        if not hidden:
             number = version[0] << 24 | version[1] << 16 | version[2] << 8 | 255
             self._answer(
                 dialect.MAVLink_autopilot_version_message(0, number, 0, 0, 0, [0] * 8, [0] * 8, [0] * 8, 0, 0, 0)
@@ -195,9 +199,9 @@ class SimulatedAutopilot:
         name = request.param_id
         if name not in self.parameters:
             return
-        value, kind = self.parameters[name], _REAL32
+        value, kind = self.parameters[name], dialect.MAV_PARAM_TYPE_REAL32
         if self.profile.kind == PX4 and isinstance(value, int):
-            value, kind = struct.unpack("<f", struct.pack("<i", value))[0], _INT32
+            value, kind = struct.unpack("<f", struct.pack("<i", value))[0], dialect.MAV_PARAM_TYPE_INT32
         index = list(self.parameters).index(name)
         self._answer(dialect.MAVLink_param_value_message(name.encode(), value, kind, len(self.parameters), index))
 
@@ -206,7 +210,7 @@ class SimulatedAutopilot:
         name, value = message.param_id, float(message.param_value)
         if name not in self.parameters:
             return
-        if self.profile.kind == PX4 and message.param_type == _INT32:
+        if self.profile.kind == PX4 and message.param_type == dialect.MAV_PARAM_TYPE_INT32:
             value = struct.unpack("<i", struct.pack("<f", value))[0]
         if name not in self.stubborn:
             self.parameters[name] = value
@@ -257,7 +261,10 @@ class SimulatedAutopilot:
     def _heartbeat(self) -> Any:
         p = self.profile
         mode = p.custom_mode if p.flight is None else p.flight.mode
-        return dialect.MAVLink_heartbeat_message(2, AUTOPILOT_IDS[p.kind], 128 if p.armed else 0, mode, 4, 3)
+        base_mode = dialect.MAV_MODE_FLAG_SAFETY_ARMED if p.armed else 0
+        return dialect.MAVLink_heartbeat_message(
+            dialect.MAV_TYPE_QUADROTOR, AUTOPILOT_IDS[p.kind], base_mode, mode, dialect.MAV_STATE_ACTIVE, 3
+        )
 
     def _state(self, now_ns: int) -> VehicleState:
         """Once for all messages of an instant: it takes longer than they do."""
@@ -294,17 +301,11 @@ class SimulatedAutopilot:
             return []
         bins, step = self.obstacles.bins_cm(now_ns), self.obstacles.bin_deg
         values = bins + [UNKNOWN] * (72 - len(bins))
+        near_cm, far_cm = self.obstacles.min_cm, max(self.obstacles.ranges_cm)
+        boot_us, frame = self.boot_ns(now_ns) // 1000, dialect.MAV_FRAME_BODY_FRD
         return [
             dialect.MAVLink_obstacle_distance_message(
-                self.boot_ns(now_ns) // 1000,
-                0,
-                values,
-                step,
-                self.obstacles.min_cm,
-                max(self.obstacles.ranges_cm),
-                float(step),
-                0.0,
-                12,
+                boot_us, 0, values, step, near_cm, far_cm, float(step), 0.0, frame
             )
         ]
 
@@ -333,9 +334,9 @@ _SENDERS: dict[int, Callable[[SimulatedAutopilot, int], list[Any]]] = {
     _ATTITUDE: SimulatedAutopilot._attitude,
     _ATTITUDE_QUATERNION: SimulatedAutopilot._attitude_quaternion,
     _LOCAL_POSITION: SimulatedAutopilot._local_position,
-    _OBSTACLE_DISTANCE: SimulatedAutopilot._fused_obstacles,
-    _DISTANCE_SENSOR: SimulatedAutopilot._face_distances,
-    _EXTENDED_SYS_STATE: SimulatedAutopilot._extended_sys_state,
+    dialect.MAVLINK_MSG_ID_OBSTACLE_DISTANCE: SimulatedAutopilot._fused_obstacles,
+    dialect.MAVLINK_MSG_ID_DISTANCE_SENSOR: SimulatedAutopilot._face_distances,
+    dialect.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: SimulatedAutopilot._extended_sys_state,
 }
 _RECEIVERS: dict[str, Callable[[SimulatedAutopilot, Any, int], None]] = {
     "TIMESYNC": SimulatedAutopilot._time_request,

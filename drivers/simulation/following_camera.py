@@ -23,6 +23,7 @@ from core.types import AttitudeSample, CameraInfo, DepthFrame, PoseSample
 from ..base import DeviceLost, DeviceNotFound
 from ..mavlink.address import parse_address
 from ..mavlink.clock_sync import UNANSWERED_NS
+from ..mavlink.dialect import dialect
 from ..mavlink.link import MavlinkLink
 from ..mavlink.session import MavlinkSession
 from ..mavlink.session_types import MavlinkParams
@@ -31,8 +32,6 @@ from .sensor_model import measure
 from .source import look
 
 NS = 1_000_000_000
-CAMERA_COMPONENT = 100
-"""MAV_COMP_ID_CAMERA: not the companion's own id."""
 OPEN_S = UNANSWERED_NS / NS + 4.0
 """So long after the first one attitudes are not used where TIMESYNC is not answered."""
 STALE_NS = NS // 2
@@ -75,7 +74,8 @@ class FollowingDepthSource:
 
     def open(self) -> None:
         """Opens the link and waits for attitude and position. Raises DeviceNotFound when none arrive within OPEN_S."""
-        params = MavlinkParams(component_id=CAMERA_COMPONENT, attitude_hz=50.0, position_hz=30.0)
+        # not the companion's own id
+        params = MavlinkParams(component_id=dialect.MAV_COMP_ID_CAMERA, attitude_hz=50.0, position_hz=30.0)
         self._link = MavlinkLink(parse_address(self._settings.address), MavlinkSession(params), self.deliver)
         self._link.open()
         end_ns = self._clock_ns() + round(OPEN_S * NS)

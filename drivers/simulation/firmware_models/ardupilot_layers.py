@@ -17,12 +17,11 @@ import math
 from typing import Any
 
 from ...mavlink.ardupilot_faces import FACES, face_of
+from ...mavlink.dialect import dialect
 from .ardupilot import STALE_NS, ArduPilotReader
 
 LAYERS, MIDDLE, LAYER_DEG, LOWEST_DEG, HIGHEST_DEG = 5, 2, 30.0, -75.0, 74.9
 SCAN_ENDS_NS = 50_000_000
-BODY_FRD = 12
-UPWARD, DOWNWARD = 24, 25
 
 
 def nothing() -> list[list[float]]:
@@ -49,7 +48,7 @@ class ArduPilotLayers:
         """Takes a message; any keeps proximity healthy, also one whose point is too near, too far or nowhere."""
         begins = message.time_boot_ms != self._time_ms or now_ns - self._newest_ns > SCAN_ENDS_NS
         self._time_ms, self._newest_ns = message.time_boot_ms, now_ns
-        if message.frame != BODY_FRD:
+        if message.frame != dialect.MAV_FRAME_BODY_FRD:
             return
         if begins:
             self._published, self._scan = (nothing() if self._at_once else self._scan), nothing()
@@ -80,11 +79,11 @@ class ArduPilotHeights:
 
     def up_m(self, now_ns: int) -> float | None:
         """To what stands over it; None: it climbs as it likes."""
-        return self._fresh(UPWARD, now_ns)
+        return self._fresh(dialect.MAV_SENSOR_ROTATION_PITCH_90, now_ns)
 
     def down_m(self, now_ns: int) -> float | None:
         """To the ground, as its rangefinder would measure it."""
-        return self._fresh(DOWNWARD, now_ns)
+        return self._fresh(dialect.MAV_SENSOR_ROTATION_PITCH_270, now_ns)
 
     def _fresh(self, orientation: int, now_ns: int) -> float | None:
         distance_m, at_ns = self._published.get(orientation, (0.0, now_ns - STALE_NS - 1))

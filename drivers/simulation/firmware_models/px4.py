@@ -13,13 +13,14 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from ...mavlink.dialect import dialect
+
 NS = 1_000_000_000
 UNKNOWN = 65535
 STALE_NS = NS // 2
 """RANGE_STREAM_TIMEOUT_US."""
 HOLD_NS = 5 * NS
 """TIMEOUT_HOLD_US."""
-BODY_FRD = 12
 
 
 class Px4Reader:
@@ -35,8 +36,8 @@ class Px4Reader:
         self.min_cm = UNKNOWN
 
     def read(self, message: Any, now_ns: int) -> None:
-        """Takes an OBSTACLE_DISTANCE. A message in another frame than BODY_FRD is ignored."""
-        if message.frame != BODY_FRD or message.increment_f <= 0.0:
+        """Takes an OBSTACLE_DISTANCE. A message in another frame than MAV_FRAME_BODY_FRD is ignored."""
+        if message.frame != dialect.MAV_FRAME_BODY_FRD or message.increment_f <= 0.0:
             return
         self._newest_ns = now_ns
         self.min_cm = min(self.min_cm, message.min_distance)
