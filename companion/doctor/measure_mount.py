@@ -34,9 +34,10 @@ from ..pipeline.sync import AttitudeAt, Synchroniser
 
 MIN_TURN_RAD = math.radians(60.0)
 MIN_FRAMES = 30
-TARGET_SD_RAD = math.radians(0.3)
-MAX_SD_RAD = math.radians(0.25)
-"""Standard deviation of roll and pitch at which the measurement ends early."""
+MAX_SD_RAD = math.radians(0.3)
+"""Largest standard deviation of roll and pitch of a result."""
+TARGET_SD_RAD = math.radians(0.25)
+"""The same at which the measurement ends early."""
 PARAMS = MountCheckParams(interval_s=0.05, terrain_deg_per_sqrt_s=0.05)
 Incoming = queue.SimpleQueue[Event | CameraInfo]
 
@@ -93,7 +94,7 @@ class MountMeasurement:
     @property
     def done(self) -> bool:
         """Whether the result cannot be improved by more frames."""
-        sure = max(self.state.error_sd_rad) <= MAX_SD_RAD
+        sure = max(self.state.error_sd_rad) <= TARGET_SD_RAD
         return sure and len(self.heights_m) >= MIN_FRAMES and self.turned_rad >= MIN_TURN_RAD
 
     def refusal(self) -> str:
@@ -116,7 +117,7 @@ class MountMeasurement:
                 f"{math.degrees(MIN_TURN_RAD):.0f} degrees or more to both sides, and tilt it by about 15 degrees"
             )
         sd_deg = math.degrees(max(self.state.error_sd_rad))
-        if max(self.state.error_sd_rad) > TARGET_SD_RAD:
+        if max(self.state.error_sd_rad) > MAX_SD_RAD:
             return (
                 f"standard deviation of {sd_deg:.1f} degrees: the ground is uneven or the turn was too fast; repeat "
                 "it on level ground"
