@@ -15,12 +15,11 @@ from typing import Any, Final
 
 from drivers.base import BadData, DeviceNotFound
 
-from ..log.log_file import ACTIVE
 from ..whole_file import write_whole
 from .flights import Flight
 from .parquet_table import arrow_module
 from .schema import SCHEMA_VERSION, TABLES
-from .storage import LOGS, UNFINISHED, StoredFile, file_system, is_url, publish, reaching
+from .storage import LOGS, UNFINISHED, file_system, is_url, publish, reaching
 
 LAST: Final = "flights"
 """The table whose file marks a flight as complete."""
@@ -34,11 +33,6 @@ def temporary_folder(output: str, flight: Flight) -> Path:
     parent = Path(output) / UNFINISHED
     parent.mkdir(parents=True, exist_ok=True)
     return Path(tempfile.mkdtemp(prefix=f"{flight.vehicle}-{flight.name}-", dir=parent))
-
-
-def logs_path(file: StoredFile) -> str:
-    """Name of the replayed log of a file."""
-    return file.name.removesuffix(ACTIVE)
 
 
 def publish_flight(output: str, flight: Flight, folder: Path) -> None:

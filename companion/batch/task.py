@@ -16,9 +16,10 @@ from ..config.loader import Config, ConfigError
 from ..error_text import error_text
 from ..kernels.compilation import WarmupError
 from ..kernels.warmup import ensure_compiled
+from ..log.log_file import ACTIVE
 from ..log.provenance import software
 from ..replay.replay import Options, replay
-from .dataset import logs_path, publish_flight, temporary_folder
+from .dataset import publish_flight, temporary_folder
 from .flight_tables import FlightTables
 from .jobs import Failure, FlightTask, Outcome
 from .storage import local_copy
@@ -61,7 +62,7 @@ def process_flight(task: FlightTask) -> Outcome:
         for number, file in enumerate(task.flight.files):
             with local_copy(file, copies) as path:
                 tables.begin_file(number)
-                output = folder / logs_path(file) if task.options.logs else None
+                output = folder / file.name.removesuffix(ACTIVE) if task.options.logs else None
                 try:
                     tables.end_file(_replay(path, output, task.options.config, tables))
                 except _NothingReadError as error:

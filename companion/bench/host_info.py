@@ -38,7 +38,7 @@ def host_info() -> HostInfo:
     return HostInfo(
         processor=processor_model(_text(_CPUINFO)) or platform.processor() or "unknown processor",
         architecture=platform.machine(),
-        cores=len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1,
+        cores=len(os.sched_getaffinity(0)),
         governor=_text(_GOVERNOR),
         board=_text(_BOARD).strip("\0"),
         system=platform.system(),

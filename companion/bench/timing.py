@@ -64,12 +64,8 @@ class Clock:
 
 
 @contextmanager
-def one_core() -> Iterator[int | None]:
-    """Binds this thread to the last of its allowed cores and returns the core's number; None: not supported by the
-    system."""
-    if not hasattr(os, "sched_setaffinity"):
-        yield None
-        return
+def one_core() -> Iterator[int]:
+    """Binds this thread to the last of its allowed cores and returns the core's number."""
     allowed = os.sched_getaffinity(0)
     core = max(allowed)
     os.sched_setaffinity(0, {core})

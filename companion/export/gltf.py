@@ -30,7 +30,6 @@ Floats = NDArray[np.float32]
 def glb(prisms: Sequence[Prism], trajectory_m: NDArray[np.float64], name: str) -> bytes:
     """The file. prisms: in ned; trajectory_m: (N, 3) in ned, drawn from two points on; name: of the frame."""
     made = _Buffer()
-    nodes: list[dict[str, Any]] = []
     meshes: list[dict[str, Any]] = []
     corners = _faces(prisms)
     if len(corners):
@@ -45,7 +44,7 @@ def glb(prisms: Sequence[Prism], trajectory_m: NDArray[np.float64], name: str) -
     if len(trajectory_m) > 1:
         line = {"attributes": {"POSITION": made.add(to_gltf(trajectory_m), _ARRAY)}, "mode": _LINE_STRIP, "material": 1}
         meshes.append({"name": "trajectory", "primitives": [line]})
-    nodes += [{"name": mesh["name"], "mesh": k} for k, mesh in enumerate(meshes)]
+    nodes = [{"name": mesh["name"], "mesh": k} for k, mesh in enumerate(meshes)]
     content: dict[str, Any] = {
         "asset": {"version": "2.0", "generator": "osape-companion"},
         "scene": 0,

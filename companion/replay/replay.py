@@ -197,7 +197,9 @@ class _Sink:
         """Writes an event and its outputs."""
         if self._log is None:
             return
-        self._open(event.t_arrival_ns)
+        if not self._is_open:
+            self._is_open = True
+            self._log.begin(run_info("replay", self._config), self._cameras, self._state, event.t_arrival_ns)
         if self._depth or not isinstance(event, DepthFrame):
             self._log.event(event)
         for output in outputs:
@@ -207,11 +209,6 @@ class _Sink:
         """Writes tracked obstacles."""
         if self._log is not None:
             self._log.tracks(result, data)
-
-    def _open(self, t_ns: int) -> None:
-        if self._log is not None and not self._is_open:
-            self._is_open = True
-            self._log.begin(run_info("replay", self._config), self._cameras, self._state, t_ns)
 
 
 def _config(options: Options, source: McapRecording) -> Config:

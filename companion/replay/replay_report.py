@@ -143,12 +143,11 @@ def report(result: Replay, path: Path, output: Path | None, problems: list[str])
 
 def _offset_json(offset: ExposureOffset, result: Replay) -> dict[str, Any]:
     """offset_ms and sigma_ms are null unless measured."""
-    measured = offset.offset_s is not None and offset.sigma_s is not None
     return {
         "camera": offset.camera,
         "state": str(offset.state),
-        "offset_ms": 1000.0 * offset.offset_s if measured and offset.offset_s is not None else None,
-        "sigma_ms": 1000.0 * offset.sigma_s if measured and offset.sigma_s is not None else None,
+        "offset_ms": None if offset.offset_s is None else 1000.0 * offset.offset_s,
+        "sigma_ms": None if offset.sigma_s is None else 1000.0 * offset.sigma_s,
         "pairs": offset.pairs,
         "warning": _offset_warning(offset, result),
     }

@@ -23,7 +23,7 @@ from ..viewer.live_status import camera_status, silence_text
 from ..viewer.subscriber import LiveSubscriber
 from .diagnostics import DIAGNOSTIC_ARRAY, Part, camera_part, diagnostic_array, service_part
 from .drawing import MARKER_ARRAY, POINT_CLOUD, TRANSFORMS, Drawing
-from .frames import BASE_LINK, camera_transform, vehicle_transforms
+from .frames import camera_transform, vehicle_transforms
 from .message_types import RosMessages
 from .occupied import surface_points
 from .session import RosNode
@@ -115,7 +115,7 @@ class Ros2Bridge:
         self.node.publish("/diagnostics", DIAGNOSTIC_ARRAY, diagnostic_array(self.ros, prefix, parts, time.time_ns()))
         drawing = Drawing(self.ros)
         for row, camera in enumerate(c for c in cameras if c["blind"]):
-            gone = drawing.unavailable(camera["name"], camera["blind"], BASE_LINK, row)
+            gone = drawing.unavailable(camera["name"], camera["blind"], row)
             self.node.publish(f"{self.options.namespace}/markers", MARKER_ARRAY, gone)
 
     def _frame(self, message: pb.PrismsFrame, info: CameraInfo | None, now_ns: int) -> None:

@@ -16,7 +16,7 @@ from core.types import Prism
 from ..log.foxglove_scene import distance_colour, prism_edges, segment_distance_m
 from ..pipeline.results import PrismsResult
 from ..viewer.geometry import plane_corners_m
-from .frames import FrameTransform, frame_id, ros_points
+from .frames import BASE_LINK, FrameTransform, frame_id, ros_points
 from .message_types import NS, RosMessages
 
 MARKER, MARKER_ARRAY = "visualization_msgs/msg/Marker", "visualization_msgs/msg/MarkerArray"
@@ -60,12 +60,10 @@ class Drawing:
         """MarkerArray of a valid frame: prisms as surfaces coloured by distance (namespace CAMERA/prisms), planes as
         outlines (CAMERA/planes). What the frame does not contain is deleted. Raises ValueError for an unknown frame."""
         header = self._ros.header(stamp_ns, frame_id(result.frame))
-        model = result.model if result.valid else None
-        prisms = () if model is None else model.prisms
-        planes = np.zeros((0, 6), np.float32) if model is None else model.planes
+        assert result.model is not None
         x_m, y_m, _ = result.transform.translation_m if result.transform is not None else (0.0, 0.0, 0.0)
-        corners, colours = _prism_triangles(prisms, (x_m, y_m))
-        outlines = _plane_outlines(planes)
+        corners, colours = _prism_triangles(result.model.prisms, (x_m, y_m))
+        outlines = _plane_outlines(result.model.planes)
         rgba = [self._colour(colour) for colour in colours]
         surfaces = _Shape(
             kind="TRIANGLE_LIST",
@@ -87,10 +85,10 @@ class Drawing:
             ]
         )
 
-    def unavailable(self, camera: str, text: str, frame: str, row: int) -> Any:
+    def unavailable(self, camera: str, text: str, row: int) -> Any:
         """MarkerArray of a camera without a current frame: its drawings are deleted, and a red text above the vehicle names
         the cause. row: of the text, from below."""
-        header = self._ros.header(0, frame)
+        header = self._ros.header(0, BASE_LINK)
         gone = [
             self._marker(header, f"{camera}/{what}", _Shape(kind="CUBE"), delete=True) for what in ("prisms", "planes")
         ]

@@ -38,11 +38,8 @@ class RosMessages:
 
     def header(self, stamp_ns: int, frame: str) -> Any:
         """std_msgs/Header. stamp_ns: wall time; 0: the newest transform is used."""
-        return self.make("std_msgs/msg/Header", stamp=self.time(stamp_ns), frame_id=frame)
-
-    def time(self, stamp_ns: int) -> Any:
-        """builtin_interfaces/Time."""
-        return self.make("builtin_interfaces/msg/Time", sec=stamp_ns // NS, nanosec=stamp_ns % NS)
+        stamp = self.make("builtin_interfaces/msg/Time", sec=stamp_ns // NS, nanosec=stamp_ns % NS)
+        return self.make("std_msgs/msg/Header", stamp=stamp, frame_id=frame)
 
     def vector(self, x: float, y: float, z: float) -> Any:
         """geometry_msgs/Vector3."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import threading
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Final
 
 from drivers.optional_library import optional_module
@@ -32,8 +32,7 @@ class RosNode:
 
     def __init__(self, messages: RosMessages, router: str, domain: int, namespace: str, name: str) -> None:
         self._zenoh, self._ext = optional_module("zenoh", *NEED), optional_module("zenoh.ext", *NEED)
-        self._messages, self._router, self._domain = messages, router, domain
-        self._namespace, self._name = namespace, name
+        self._messages, self._router = messages, router
         self._lock = threading.Lock()
         self._session: Any = None
         self._node = NodeName(domain, "", namespace, name)
@@ -50,10 +49,9 @@ class RosNode:
             except self._zenoh.ZError as error:
                 text = str(error).split(" at /")[0]  # without the place in the library's sources
                 return self._unreachable("no answer" if "Timeout" in text else text)
-            node = NodeName(self._domain, str(session.zid()), self._namespace, self._name)
             with self._lock:
-                self._session, self._node = session, node
-                self._node_token = session.liveliness().declare_token(node.token())
+                self._session, self._node = session, replace(self._node, zid=str(session.zid()))
+                self._node_token = session.liveliness().declare_token(self._node.token())
         return "" if self._session.info.routers_zid() else self._unreachable("the connection was lost")
 
     def publish(self, topic: str, name: str, message: Any) -> bool:
@@ -93,7 +91,7 @@ class RosNode:
         kind = self._messages.topic_type(name)
         token = self._node.publisher_token(len(self._publishers) + 1, topic, kind)
         publisher = self._session.declare_publisher(
-            topic_key(self._domain, topic, kind), congestion_control=self._zenoh.CongestionControl.DROP
+            topic_key(self._node.domain, topic, kind), congestion_control=self._zenoh.CongestionControl.DROP
         )
         declared = _Publisher(publisher, self._session.liveliness().declare_token(token), gid(token))
         self._publishers[topic] = declared

@@ -93,26 +93,24 @@ class MountFilter:
         self.P[3:, :] = self.P[:, 3:] = 0.0
         self.P[3, 3] = self.P[4, 4] = FORGOTTEN_SD_RAD**2
 
-    def slope(self, rows: Floats, slope: tuple[float, float], sd_rad: float = 0.0) -> bool:
-        """Adds the apparent slope of the ground; returns True if the terrain or the mount has changed.
+    def slope(self, rows: Floats, slope: tuple[float, float], sd_rad: float = 0.0) -> None:
+        """Adds the apparent slope of the ground.
 
         Args:
             rows: (2, 5) of `slope_rows`.
             slope: along x and y, rad.
             sd_rad: standard deviation of its fit."""
-        changed, noise = False, SLOPE_SD_RAD**2 + sd_rad**2
+        noise = SLOPE_SD_RAD**2 + sd_rad**2
         for h, value in zip(rows, slope, strict=True):
             innovation = value - float(h @ self.mean)
             variance = float(h @ self.P @ h) + noise
             if innovation * innovation > GATE * variance:
-                changed = True
                 excess = innovation * innovation - variance
                 self.P[3, 3] += excess
                 self.P[4, 4] += excess
                 for i in range(3):
                     self.P[i, i] += MOUNT_JUMP_RAD**2
             self._update(h, value, noise)
-        return changed
 
     def walls(self, h: Floats, terrain_rad: float) -> None:
         """Adds the slope of the terrain in one direction as the walls show it. h: (5,) its row, 0 for delta."""

@@ -156,7 +156,7 @@ def test_a_frame_in_ned_is_drawn_in_map(ros: RosMessages) -> None:
 
 
 def test_an_unavailable_camera_is_a_text_and_not_an_empty_scene(ros: RosMessages) -> None:
-    back = read(ros, Drawing(ros).unavailable("front", "camera unplugged", "base_link", 0), MARKER_ARRAY)
+    back = read(ros, Drawing(ros).unavailable("front", "camera unplugged", 0), MARKER_ARRAY)
     assert [(m.ns, m.action) for m in back.markers] == [("front/prisms", 2), ("front/planes", 2), ("front/state", 0)]
     assert back.markers[2].text == "front: NO DATA: camera unplugged"
 

@@ -7,8 +7,6 @@ away all free space below it.
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -115,10 +113,8 @@ class GroundColumns:
     def _near(self, a: Floats, b: Floats, radius_m: float) -> NDArray[np.bool_]:
         """(M,) whether ways may touch a ground: by the highest of the blocks around them."""
         out = np.zeros(len(a), bool)
-        if not len(self._keys) or math.isnan(radius_m):
+        if not len(self._keys):
             return out
-        if math.isinf(radius_m):
-            return ~out
         finite = np.isfinite(a).all(axis=1) & np.isfinite(b).all(axis=1)
         low, high = np.minimum(a, b) - radius_m, np.maximum(a, b) + radius_m
         rows = np.flatnonzero(finite & (high[:, 2] > self._highest.min()))
