@@ -38,7 +38,6 @@ class Outcome:
     unread_files: int  # of which nothing can be read
     equals_onboard: bool | None
     cpu_s: float  # processor time
-    wall_s: float
     peak_mb: float  # largest memory of the process so far
 
 

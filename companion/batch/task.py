@@ -52,7 +52,7 @@ def process_flight(task: FlightTask) -> Outcome:
             f"the worker has {software()} and the command {task.software}: install the same version on all workers"
         )
     _warm_up()
-    begun_s, cpu_s = time.monotonic(), time.process_time()
+    cpu_s = time.process_time()
     with ExitStack() as stack:
         folder = temporary_folder(task.output, task.flight)
         stack.callback(shutil.rmtree, folder, ignore_errors=True)
@@ -76,7 +76,6 @@ def process_flight(task: FlightTask) -> Outcome:
         unread_files=row["unread_files"],
         equals_onboard=row["equals_onboard"],
         cpu_s=time.process_time() - cpu_s,
-        wall_s=time.monotonic() - begun_s,
         peak_mb=resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0,
     )
 

@@ -43,7 +43,7 @@ class SigningClock:
         fault: why timestamps cannot be stored, as text; empty: they are stored, or no file was given."""
 
     def __init__(self, file: Path | None = None, wall_ns: Callable[[], int] = time.time_ns) -> None:
-        self._file, self._wall_ns = file, wall_ns
+        self._wall_ns = wall_ns
         self.fault = ""
         self._last = self._reserved = 0
         self._wanted, self._stop = threading.Event(), threading.Event()

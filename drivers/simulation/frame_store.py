@@ -29,7 +29,6 @@ class FrameStore:
     Raises ValueError where they would take more than MOST_BYTES."""
 
     def __init__(self, folder: Path | None, name: str, count: int, height: int, width: int) -> None:
-        self._count = count
         at = -(-8 * count // _PAGE) * _PAGE
         size = at + 2 * count * height * width
         if size > MOST_BYTES:

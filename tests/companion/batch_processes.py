@@ -20,7 +20,7 @@ def note(task: FlightTask) -> int:
 
 
 def outcome_of(task: FlightTask) -> Outcome:
-    return Outcome(frames=1, damage=None, unread_files=0, equals_onboard=True, cpu_s=0.0, wall_s=0.0, peak_mb=0.0)
+    return Outcome(frames=1, damage=None, unread_files=0, equals_onboard=True, cpu_s=0.0, peak_mb=0.0)
 
 
 def killed_at_first(task: FlightTask) -> Outcome:
