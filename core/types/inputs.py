@@ -140,13 +140,16 @@ class DepthFrame:
         depth_mm: (H, W) uint16, distance Z along the optical axis. UNKNOWN_MM and SATURATED_MM: not measured; FAR_MM:
             free up to the maximum of the camera.
         t_exposure_ns: middle of the exposure.
-        t_arrival_ns: when the host received the image."""
+        t_arrival_ns: when the host received the image.
+        images_crc: CRC-32 of the images from which the driver matched the depth, 0: it did not. The same images may be matched
+            in another way, as after an alignment of their rows."""
 
     camera: str
     sequence: int
     t_exposure_ns: int
     t_arrival_ns: int
     depth_mm: NDArray[np.uint16]
+    images_crc: int = 0
 
     def __post_init__(self) -> None:
         store_readonly(self, np.uint16, (None, None), "depth_mm")

@@ -34,7 +34,7 @@ _PAGE = 4096
 _MAX_NOTIFICATION_BYTES = 60_000
 _CHECKSUM_ROW_STEP = 16
 """Row step of the checksum, which also includes the last row: a writer overwrites rows in order."""
-_FRAME = struct.Struct("<cQqqqI")
+_FRAME = struct.Struct("<cQqqqII")
 """Notification of a frame: b"f" and the fields of `_FrameNotice`. All other notifications are JSON objects."""
 _DESCRIPTORS = array.array("i", [0])
 """Buffer for one descriptor that a notification carries."""
@@ -45,6 +45,7 @@ class _FrameNotice(NamedTuple):
     sequence: int
     t_exposure_ns: int
     t_arrival_ns: int
+    images_crc: int
     check: int
 
 
@@ -104,8 +105,9 @@ class FrameWriter:
         target = np.ndarray((height, width), np.uint16, self._memory, pixels)
         target[...] = frame.depth_mm
         _MARK.pack_into(self._memory, end, self._written)
-        payload = (self._written, frame.sequence, frame.t_exposure_ns, frame.t_arrival_ns, checksum(frame.depth_mm))
-        self._deliver(lambda: self._socket.send(_FRAME.pack(b"f", *payload)))
+        stamps_ns = frame.t_exposure_ns, frame.t_arrival_ns
+        notice = _FrameNotice(self._written, frame.sequence, *stamps_ns, frame.images_crc, checksum(frame.depth_mm))
+        self._deliver(lambda: self._socket.send(_FRAME.pack(b"f", *notice)))
 
     def _open_memory(self, width: int, height: int) -> None:
         size = SLOTS * slot_bytes(width, height)
@@ -255,6 +257,7 @@ class FrameReader:
             t_exposure_ns=payload.t_exposure_ns,
             t_arrival_ns=payload.t_arrival_ns,
             depth_mm=depth,
+            images_crc=payload.images_crc,
         )
 
     def close(self) -> None:

@@ -34,7 +34,7 @@ from .oak_pipeline import (
 )
 from .oak_view import SAME_INTRINSICS_PX, check_view
 from .row_alignment import RowAlignment
-from .stereo import Gray, StereoMatcher, nearest_m
+from .stereo import Gray, StereoMatcher, nearest_m, pair_crc
 from .stereo_errors import bias_coefficient, noise_coefficient
 from .torn_images import one_repeats
 
@@ -221,6 +221,7 @@ class OakSource:
             t_exposure_ns=exposure_ns,
             t_arrival_ns=arrival_ns,
             depth_mm=self._depth(message),
+            images_crc=self._images_crc(),
         )
 
     def _check_clock(self) -> None:
@@ -283,6 +284,10 @@ class OakSource:
         if self._depth_alignment.due:
             self._depth_alignment.take(depth, (left, right), self._f_b_px_m(), settings.match)
         return confirmed_depth(depth, (left, right), self._f_b_px_m(), settings.match)
+
+    def _images_crc(self) -> int:
+        """Of the newest pair, see `DepthFrame.images_crc`."""
+        return 0 if self._matcher is None or self._pair_before is None else pair_crc(*self._pair_before)
 
     def _pair(self, group: Any, shape: tuple[int, ...]) -> tuple[Gray, Gray]:
         """The rectified left and right image (H, W) uint8. Raises BadData where they are not of this shape, not of the

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
+from fastcrc.crc32 import iso_hdlc
 from numpy.typing import NDArray
 
 from core.param_field import check, number, switch
@@ -214,6 +215,11 @@ def compute_disparity(sgbm: cv2.StereoSGBM, left: Gray, right: Gray, params: Mat
     other = np.take_along_axis(back, np.clip(there, 0, left.shape[1] - 1), axis=1)
     agreed = inside & (other >= 0.0) & (np.abs(other - found) <= params.check_px)
     return refined(left, right, np.where(agreed, found, np.float32(-1.0)))
+
+
+def pair_crc(left: Gray, right: Gray) -> int:
+    """CRC-32 of both images of a pair before their rows are aligned, for `DepthFrame.images_crc`."""
+    return int(iso_hdlc(right.tobytes(), iso_hdlc(left.tobytes())))
 
 
 def nearest_m(f_b_px_m: float, searched: int) -> float:

@@ -20,7 +20,7 @@ from ..base import BadData, DeviceLost, DeviceNotFound
 from .kernel_stamps import KernelStamps
 from .pair_video import DeviceVideo, FileVideo, PairVideo, pair_format
 from .row_alignment import RowAlignment
-from .stereo import MatchParams, StereoDepth, nearest_m
+from .stereo import MatchParams, StereoDepth, nearest_m, pair_crc
 from .stereo_errors import bias_coefficient, noise_coefficient
 from .torn_images import TornImageCheck
 from .zed_calibration import StereoCalibration, load_zed_calibration
@@ -160,6 +160,7 @@ class ZedSource:
             t_exposure_ns=taken.stamp_ns - round(s.exposure_latency_s * 1e9),
             t_arrival_ns=taken.arrival_ns,
             depth_mm=depth,
+            images_crc=pair_crc(left, right),
         )
 
     def _alignment(self) -> RowAlignment:

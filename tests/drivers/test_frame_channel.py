@@ -42,10 +42,19 @@ def test_a_frame_comes_out_as_it_went_in() -> None:
     reader, writer = pair()
     rng = np.random.Generator(np.random.PCG64(1))
     depth = rng.integers(0, 65536, (48, 64)).astype(np.uint16)
-    writer.write(DepthFrame(camera="front", sequence=7, t_exposure_ns=10**15, t_arrival_ns=10**15 + 3, depth_mm=depth))
+    sent = DepthFrame(
+        camera="front",
+        sequence=7,
+        t_exposure_ns=10**15,
+        t_arrival_ns=10**15 + 3,
+        depth_mm=depth,
+        images_crc=0xFFFF_FFFE,
+    )
+    writer.write(sent)
     got, notifications = reader.read(1.0)
     assert got is not None
     assert (got.sequence, got.t_exposure_ns, got.t_arrival_ns) == (7, 10**15, 10**15 + 3)
+    assert got.images_crc == 0xFFFF_FFFE
     assert np.array_equal(got.depth_mm, depth)
     assert notifications == []
 
@@ -159,13 +168,13 @@ def test_what_no_reader_supports_is_refused() -> None:
     writer._socket.send(b"\xff\xfe")
     with pytest.raises(BadData, match="cannot be decoded"):
         reader.read(1.0)
-    writer._socket.send(_FRAME.pack(b"f", 1, 2, 3, 4, 5)[:-1])
+    writer._socket.send(_FRAME.pack(b"f", 1, 2, 3, 4, 5, 6)[:-1])
     with pytest.raises(BadData, match="cannot be decoded"):
         reader.read(1.0)
     writer._socket.send(b'{"width": 64}')
     with pytest.raises(BadData, match="cannot be decoded"):
         reader.read(1.0)
-    writer._socket.send(_FRAME.pack(b"f", 1, 2, 3, 4, 5))
+    writer._socket.send(_FRAME.pack(b"f", 1, 2, 3, 4, 5, 6))
     with pytest.raises(BadData, match="before the memory"):
         reader.read(1.0)
 

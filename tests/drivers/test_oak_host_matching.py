@@ -19,7 +19,7 @@ from drivers.base import BadData, DeviceLost
 from drivers.cameras.corner_matches import match_corners, refined
 from drivers.cameras.oak import OakSource
 from drivers.cameras.oak_pipeline import OakSettings
-from drivers.cameras.stereo import MatchParams, StereoMatcher
+from drivers.cameras.stereo import MatchParams, StereoMatcher, pair_crc
 
 from .oak_host import PERIOD_S, HostLink, HostPairLink, depth_message, group_message, image_message, now, stamp_ns
 from .test_device_matches import F_PX, HEIGHT, WALL_MM, WIDTH, scene
@@ -81,6 +81,7 @@ def test_the_host_matches_the_rectified_images(marks: bool) -> None:
         assert np.mean(np.abs(wall.astype(float) - WALL_MM) < 0.03 * WALL_MM) > 0.9
         sky = frame.depth_mm[8:30, 40:-10]
         assert np.mean(sky == (TEXTURELESS_MM if marks else 0)) > 0.9
+        assert frame.images_crc == pair_crc(LEFT, RIGHT)
         assert frame.t_exposure_ns == stamps_ns[frame.sequence]
         assert begun_ns <= frame.t_arrival_ns <= time.monotonic_ns()
     finally:

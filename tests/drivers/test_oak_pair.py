@@ -57,6 +57,7 @@ def test_depth_that_the_images_do_not_confirm_is_unknown() -> None:
             assert frame is not None
             assert not frame.depth_mm[:34].any()
             assert np.mean(frame.depth_mm[48:-8, 24:-8] == WALL_MM) > 0.95
+            assert frame.images_crc == 0, "the device matches them, and its depth is compared"
             assert frame.t_exposure_ns == stamps_ns[frame.sequence]
             assert begun_ns <= frame.t_arrival_ns <= time.monotonic_ns()
     finally:
