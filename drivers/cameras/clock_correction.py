@@ -31,21 +31,31 @@ def difference_ns() -> int | None:
     return None
 
 
+class RecentValues:
+    """Keeps a value of the last SPAN_NS, one of each _EVERY_NS. `take` is to be called several times a second."""
+
+    def __init__(self) -> None:
+        self._values: deque[tuple[int, int]] = deque()
+
+    def take(self, now_ns: int, value: int | None) -> int:
+        """Returns by how much the value differed within SPAN_NS; 0 at the first call. now_ns: monotonic. value: None: not known now."""
+        if value is None:
+            value = self._values[-1][1] if self._values else 0
+        elif not self._values or now_ns - self._values[-1][0] >= _EVERY_NS:
+            self._values.append((now_ns, value))
+        while len(self._values) > 1 and now_ns - self._values[1][0] >= SPAN_NS:
+            self._values.popleft()
+        kept = [earlier for _, earlier in self._values] + [value]
+        return max(kept) - min(kept)
+
+
 class ClockCorrection:
-    """Keeps the differences of both clocks of the last SPAN_NS. `take` is to be called several times a second."""
+    """The differences of both clocks of the last SPAN_NS. `take` is to be called several times a second."""
 
     def __init__(self, read: Callable[[], int | None] = difference_ns) -> None:
         self._read = read
-        self._differences: deque[tuple[int, int]] = deque()
+        self._differences = RecentValues()
 
     def take(self, now_ns: int) -> int:
         """Returns by how much the clock was corrected within SPAN_NS, ns; 0 at the first call. now_ns: monotonic."""
-        found_ns = self._read()
-        if found_ns is None:
-            found_ns = self._differences[-1][1] if self._differences else 0
-        elif not self._differences or now_ns - self._differences[-1][0] >= _EVERY_NS:
-            self._differences.append((now_ns, found_ns))
-        while len(self._differences) > 1 and now_ns - self._differences[1][0] >= SPAN_NS:
-            self._differences.popleft()
-        kept = [difference for _, difference in self._differences] + [found_ns]
-        return max(kept) - min(kept)
+        return self._differences.take(now_ns, self._read())

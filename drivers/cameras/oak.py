@@ -18,11 +18,10 @@ from core.types import CameraInfo, DepthFrame, Intrinsics
 
 from ..base import BadData, DeviceLost, DeviceNotFound
 from .bounded_close import close_within
-from .clock_correction import SPAN_NS, ClockCorrection
+from .clock_correction import ClockCorrection
 from .depth_alignment import DepthAlignment
 from .device_matches import confirmed_depth
-from .kernel_stamps import FIRST_NS
-from .oak_images import decoded, half_exposure_ns, middle_ns
+from .oak_images import decoded, half_exposure_ns
 from .oak_pipeline import (
     DEPTH,
     LEFT,
@@ -32,6 +31,7 @@ from .oak_pipeline import (
     connect_device,
     first_line,
 )
+from .oak_stamps import OakStamps
 from .oak_view import SAME_INTRINSICS_PX, check_view
 from .row_alignment import RowAlignment
 from .stereo import Gray, StereoMatcher, nearest_m, pair_crc
@@ -43,9 +43,6 @@ DISPARITY_SIGMA_PX = 0.25
 MOST_APART_S = 0.001
 """Left and right image are exposed together, within this time. At 60 deg/s and a focal length of 450 px an image moves by 0.5 px
 in it: 0.4 m at 5 m. Stamps of cameras with one clock differ by 0.02 ms."""
-MOST_CORRECTED_NS = 10_000_000
-"""Greatest correction of the host's clock within SPAN_NS: stamps may be wrong by it, 1 degree in a turn of 100 degrees a second.
-The kernel itself corrects the rate of a clock by up to 5 ms in that time."""
 _POLL_S = 0.002
 _FRAMES = {
     (DEPTH,): "depth frame",
@@ -77,7 +74,7 @@ class OakSource:
         self._link: OakLink | None = None
         self._info: CameraInfo | None = None
         self._waiting: DepthFrame | None = None
-        self._stamped = False
+        self._stamps = OakStamps(settings.camera, self._correction)
         self._pair_before: tuple[Gray, Gray] | None = None
 
     @property
@@ -91,7 +88,7 @@ class OakSource:
         """Boots the device, waits for its first frame, which contains the intrinsics, measures the rows of the first images, and compares
         what they state about their view. Raises DeviceNotFound, DeviceLost and BadData; a partially opened device is closed, which is
         awaited for at most CLOSE_S."""
-        self._correction.take(time.monotonic_ns())
+        self._stamps = OakStamps(self.settings.camera, self._correction)
         self._rows = self._alignment()
         self._depth_alignment = DepthAlignment(self.settings.camera)
         self._link = self._connect(self.settings)
@@ -132,7 +129,7 @@ class OakSource:
             frame, self._waiting = self._waiting, None
             return frame
         message = self._next(timeout_s)
-        self._check_clock()
+        self._stamps.check_clock()
         return self._frame(message) if message is not None and self._apart_s(message) <= MOST_APART_S else None
 
     def _first(self) -> Any:
@@ -204,35 +201,17 @@ class OakSource:
         arrival_ns = time.monotonic_ns()
         self._check_view(message)
         first = self._part(message, self.settings.streams[0])
-        exposure_ns = middle_ns(first)
+        half_ns = 0
         if LEFT in self.settings.streams and not first.getExposureTime():  # the image states it, if the depth does not
-            exposure_ns -= half_exposure_ns(self._part(message, LEFT))
-        # a later frame may be older: the process was stopped, and the frame waited
-        oldest_ns = 0 if self._stamped else arrival_ns - FIRST_NS
-        if not max(0, oldest_ns) < exposure_ns <= arrival_ns:
-            raise BadData(
-                f"camera {self.settings.camera}: a frame is stamped {(exposure_ns - arrival_ns) / 1e9:+.3f} s from "
-                "its arrival; the device's clock is not synchronised with the host's. Restart the device"
-            )
-        self._stamped = True
+            half_ns = half_exposure_ns(self._part(message, LEFT))
         return DepthFrame(
             camera=self.settings.camera,
             sequence=int(first.getSequenceNum()) % (1 << 32),
-            t_exposure_ns=exposure_ns,
+            t_exposure_ns=self._stamps.exposure_ns(first, half_ns, arrival_ns),
             t_arrival_ns=arrival_ns,
             depth_mm=self._depth(message),
             images_crc=self._images_crc(),
         )
-
-    def _check_clock(self) -> None:
-        """Raises BadData where the host's clock was corrected so much that the device's stamps are wrong."""
-        corrected_ns = self._correction.take(time.monotonic_ns())
-        if corrected_ns > MOST_CORRECTED_NS:
-            raise BadData(
-                f"camera {self.settings.camera}: the clock of this computer was corrected by {corrected_ns / 1e6:.0f} ms within "
-                f"{SPAN_NS / 1e9:.0f} s (NTP), the device compares its clock with it every 5 s, so its stamps are wrong; "
-                "synchronise the clock before the flight, and limit corrections in flight (chrony: maxslewrate 100)"
-            )
 
     def _check_view(self, message: Any) -> None:
         """Raises BadData where size or intrinsics are not those of the first frame, which the service uses for all."""

@@ -27,8 +27,12 @@ def middle_ns(message: Any) -> int:
     """Mid-exposure of a dai.ImgFrame on the host's monotonic clock."""
     import depthai as dai
 
-    stamp: timedelta = message.getTimestamp(dai.CameraExposureOffset.MIDDLE)
-    return (stamp.days * 86_400 + stamp.seconds) * 1_000_000_000 + stamp.microseconds * 1000
+    return nanoseconds(message.getTimestamp(dai.CameraExposureOffset.MIDDLE))
+
+
+def nanoseconds(time: timedelta) -> int:
+    """A time in ns, to the microsecond."""
+    return time // timedelta(microseconds=1) * 1000
 
 
 def half_exposure_ns(message: Any) -> int:

@@ -11,8 +11,9 @@ from hypothesis import strategies as st
 
 from drivers.base import BadData
 from drivers.cameras.clock_correction import SPAN_NS, ClockCorrection, difference_ns
-from drivers.cameras.oak import MOST_CORRECTED_NS, OakSource
+from drivers.cameras.oak import OakSource
 from drivers.cameras.oak_pipeline import OakSettings
+from drivers.cameras.oak_stamps import MOST_CORRECTED_NS
 
 from .oak_host import DEVICE_ALONE, HostLink, depth_message
 
