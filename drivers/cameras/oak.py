@@ -21,7 +21,7 @@ from .bounded_close import close_within
 from .clock_correction import ClockCorrection
 from .depth_alignment import DepthAlignment
 from .device_matches import confirmed_depth
-from .oak_images import decoded, half_exposure_ns
+from .oak_images import decoded, distances, half_exposure_ns
 from .oak_pipeline import (
     DEPTH,
     LEFT,
@@ -252,14 +252,14 @@ class OakSource:
         BadData."""
         settings = self.settings
         if len(settings.streams) == 1:
-            return self._pixels(self._part(message, DEPTH))
+            return distances(self._pixels(self._part(message, DEPTH)))
         left, right = self._pair(message, self._size(message))
         if self._rows.due:
             self._take_rows(left, right)
         right = self._rows.rotation.turned(right, self.info.intrinsics)
         if self._matcher is not None:
             return self._matcher.depth(left, right, self.info.intrinsics.fx, self._open_link().baseline_m)
-        depth = self._pixels(self._part(message, DEPTH))
+        depth = distances(self._pixels(self._part(message, DEPTH)))
         if self._depth_alignment.due:
             self._depth_alignment.take(depth, (left, right), self._f_b_px_m(), settings.match)
         return confirmed_depth(depth, (left, right), self._f_b_px_m(), settings.match)

@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from core.types import FAR_MM, UNKNOWN_MM
+
 
 def decoded(message: Any) -> NDArray[Any]:
     """The pixels of a dai.ImgFrame, (H, W) for an image of one channel. Raises ValueError where bytes are missing, and RuntimeError for
@@ -21,6 +23,12 @@ def decoded(message: Any) -> NDArray[Any]:
     if found < least:
         raise ValueError(f"{found} of {least} bytes")
     return np.asarray(message.getFrame())
+
+
+def distances(depth_mm: NDArray[np.uint16]) -> NDArray[np.uint16]:
+    """(H, W) uint16 mm of a depth image, in which 0 is no measurement. The two greatest values, with which other software marks a pixel, are
+    none either: FAR_MM would be free space."""
+    return np.where(depth_mm < FAR_MM, depth_mm, np.uint16(UNKNOWN_MM))
 
 
 def middle_ns(message: Any) -> int:

@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 
 from companion.config.camera import CameraConfig
+from core.types import FAR_MM, SATURATED_MM, UNKNOWN_MM
 from drivers.base import BadData, DeviceLost, DeviceNotFound
 from drivers.cameras.oak import OakSource
 from drivers.cameras.oak_pipeline import SEARCHED, OakSettings, configure
@@ -30,7 +31,7 @@ SETTINGS = OakSettings(camera="front", match=DEVICE_ALONE, first_frame_s=60.0, f
 
 def test_frames_come_with_intrinsics_stamps_and_millimetres() -> None:
     rng = np.random.Generator(np.random.PCG64(3))
-    images = [rng.integers(0, 65536, (HEIGHT, WIDTH)).astype(np.uint16) for _ in range(4)]
+    images = [rng.integers(0, FAR_MM, (HEIGHT, WIDTH)).astype(np.uint16) for _ in range(4)]
     stamps_ns = {}
 
     def make(number: int) -> dai.ImgFrame:
@@ -67,6 +68,18 @@ def test_the_range_begins_at_the_greatest_disparity_that_the_device_searches(bas
     source.open()
     assert source.info.min_range_m == pytest.approx(least_m)
     source.close()
+
+
+def test_the_greatest_values_are_no_distance() -> None:
+    """Some cameras write them for invalid pixels; 65534 would be free space up to the range."""
+    pixels = np.full((HEIGHT, WIDTH), 3000, np.uint16)
+    pixels[1, :3] = 0, FAR_MM, SATURATED_MM
+    source = OakSource(SETTINGS, HostLink(lambda number: depth_message(number, pixels=pixels)))
+    source.open()
+    frame = source.read(60.0)
+    source.close()
+    assert frame is not None
+    assert list(frame.depth_mm[1, :4]) == [UNKNOWN_MM, UNKNOWN_MM, UNKNOWN_MM, 3000]
 
 
 def test_a_slow_reader_gets_the_newest_frame() -> None:
