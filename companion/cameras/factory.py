@@ -109,7 +109,7 @@ def _simulated(section: CameraConfig) -> DepthSource:
     from drivers.simulation.looping_flight import LoopingFlight
     from drivers.simulation.source import camera_info
 
-    described = camera_info(section.width_px, section.width_px * 3 // 4, camera=section.name)
+    described = camera_info(*section.size_px, camera=section.name)
     if section.render == "stereo":
         from drivers.simulation.stereo.flight_depth import stereo_camera_info
 

@@ -49,8 +49,14 @@ def shortened(cause: str) -> str:
 def description(section: CameraConfig, source: DepthSource) -> CameraInfo:
     """The description of an opened camera, with the configured values. A configured bias_per_m does not lower that of a camera which
     the driver finds misaligned: it may be older. Nor does a configured min_range_m lower the least depth that the driver can measure.
-    Raises ValueError."""
+    Raises ValueError, also for images of another size than the configured one, in which masks are drawn."""
     info = section.applied_to(source.info)
+    found, wanted = (info.intrinsics.width, info.intrinsics.height), section.size_px
+    if found != wanted:
+        raise ValueError(
+            f"camera {section.name}: its images have {found[0]}x{found[1]} pixels, {wanted[0]}x{wanted[1]} are configured: masks would hide "
+            f"other parts of the image. Set width_px = {found[0]} and height_px = {found[1]}, and draw masks in an image of this size"
+        )
     info = dataclasses.replace(info, min_range_m=max(info.min_range_m, source.info.min_range_m))
     if source.notice:
         info = dataclasses.replace(info, bias_per_m=max(info.bias_per_m, source.info.bias_per_m))

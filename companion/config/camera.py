@@ -232,6 +232,11 @@ class CameraConfig:
         return replace(info, mount=replace(info.mount, **mount), **given)
 
     @property
+    def size_px(self) -> tuple[int, int]:
+        """Width and height of the depth images of a live camera, to which its masks refer."""
+        return self.width_px, self.width_px * 3 // 4 if self.kind == "simulated" else self.height_px
+
+    @property
     def matched_on_host(self) -> bool:
         """Whether the driver of such a camera matches both images of a stereo pair itself."""
         return self.kind == "zed" or (self.kind == "oak" and self.match_on == "host")

@@ -17,6 +17,7 @@ from drivers.base import DeviceLost
 from drivers.cameras.frame_channel import FrameReader
 
 INFO = CameraInfo("front", Intrinsics(640, 400, 450.0, 450.0, 320.0, 200.0), bias_per_m=0.03)
+SECTION = CameraConfig(name="front", kind="oak", width_px=640, height_px=400, masks="0,300 100,399")
 
 
 @dataclass
@@ -51,7 +52,7 @@ def test_a_configured_bias_does_not_hide_that_a_camera_is_misaligned(
     configured_per_m: float | None, notice: str, expected_per_m: float
 ) -> None:
     """It was measured before the camera was bent."""
-    section = replace(CameraConfig(name="front", kind="oak"), bias_per_m=configured_per_m)
+    section = replace(SECTION, bias_per_m=configured_per_m)
     assert description(section, Source(notice)).bias_per_m == expected_per_m
 
 
@@ -60,9 +61,24 @@ def test_a_configured_range_begins_at_the_least_depth_that_the_driver_can_measur
     configured_m: float | None, expected_m: float
 ) -> None:
     """Of an OAK at 1280 x 800, whose search of 96 disparities ends at 0.7 m."""
-    section = replace(CameraConfig(name="front", kind="oak"), min_range_m=configured_m)
+    section = replace(SECTION, min_range_m=configured_m)
     source = Source("", replace(INFO, min_range_m=max(0.7, configured_m or 0.0)))
     assert description(section, source).min_range_m == expected_m
+
+
+@pytest.mark.parametrize("size_px", [(1280, 800), (640, 480), (320, 400)])
+def test_images_of_another_size_than_the_masks_were_drawn_in_are_refused(size_px: tuple[int, int]) -> None:
+    """The masks hid other parts of the image than those that show the vehicle, and these were measured."""
+    section = replace(SECTION, width_px=size_px[0], height_px=size_px[1])
+    text = rf"its images have 640x400 pixels, {size_px[0]}x{size_px[1]} are configured: .* width_px = 640 and height_px = 400"
+    with pytest.raises(ValueError, match=f"camera front: {text}"):
+        description(section, Source(""))
+
+
+def test_simulated_images_have_three_quarters_of_their_width() -> None:
+    info = replace(INFO, intrinsics=Intrinsics(160, 120, 120.0, 120.0, 80.0, 60.0))
+    section = CameraConfig(name="front", kind="simulated", width_px=160)
+    assert description(section, Source("", info)).intrinsics == info.intrinsics
 
 
 def test_the_cause_of_a_loss_is_reported_before_the_camera_is_closed(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -78,7 +94,7 @@ def test_the_cause_of_a_loss_is_reported_before_the_camera_is_closed(monkeypatch
 
     monkeypatch.setattr(worker, "make_source", lambda section: Closing(""))
     monkeypatch.setattr(signal, "signal", lambda *_: None)
-    section = {"name": "front", "kind": "oak"}
+    section = {"name": "front", "kind": "oak", "height_px": 400}
     assert worker.main([str(os.dup(reader.child_fd)), json.dumps(section)]) == 1
     assert received == ["camera front: unplugged"]
     reader.close()
