@@ -36,6 +36,8 @@ _PLACE: Final = struct.Struct("<HQ")
 _CHUNK_SIZES: Final = struct.Struct("<QI4sQQ")
 """Length of all indexes, "zstd" with its length, compressed and uncompressed size."""
 _START: Final = 1 << 16
+MOST_GAP: Final = 16
+"""Chunks after which the definitions are repeated: 7 kB of some MB."""
 
 Part = bytes | memoryview
 
@@ -50,6 +52,8 @@ class McapWriter:
         self._compressor = ZstdCompressor(level=level)
         self._buffer = memoryview(bytearray(_START))
         self._filled = 0
+        self._definitions = b""  # records of all schemas and channels
+        self._gap = self._chunks_to_repeat = 1
         self._offset = 0
         self._schemas: list[Schema] = []
         self._channels: list[Channel] = []
@@ -67,7 +71,7 @@ class McapWriter:
         """Registers a message type; returns its number."""
         schema = Schema(id=len(self._schemas) + 1, name=name, encoding=encoding, data=data)
         self._schemas.append(schema)
-        self._append(_record(schema))
+        self._define(_record(schema))
         return schema.id
 
     def register_channel(self, topic: str, message_encoding: str, schema_id: int) -> int:
@@ -76,7 +80,7 @@ class McapWriter:
             id=len(self._channels) + 1, topic=topic, message_encoding=message_encoding, schema_id=schema_id, metadata={}
         )
         self._channels.append(channel)
-        self._append(_record(channel))
+        self._define(_record(channel))
         return channel.id
 
     def add_message(
@@ -139,6 +143,20 @@ class McapWriter:
             self._buffer = grown
         return self._filled
 
+    def _define(self, data: bytes) -> None:
+        """Adds the record of a schema or channel to this chunk, and to the next one: messages can be read where a chunk before them is
+        damaged and the file has no summary."""
+        self._definitions += data
+        self._gap = self._chunks_to_repeat = 1
+        self._append(data)
+
+    def _repeat_definitions(self) -> None:
+        """Begins a chunk with all definitions where they are due: after 1, 2, 4, ... chunks, at last after each MOST_GAP."""
+        self._chunks_to_repeat -= 1
+        if self._chunks_to_repeat == 0:
+            self._append(self._definitions)
+            self._gap = self._chunks_to_repeat = min(2 * self._gap, MOST_GAP)
+
     def _append(self, data: bytes) -> None:
         at = self._room(len(data))
         self._buffer[at : at + len(data)] = data
@@ -186,6 +204,7 @@ class McapWriter:
         self._last_ns = max(self._last_ns, last_ns)
         self._messages += sum(map(len, times))
         self._filled, self._indexes = 0, {}
+        self._repeat_definitions()
 
     def _statistics(self) -> Statistics:
         return Statistics(

@@ -81,10 +81,9 @@ def test_a_damaged_head_costs_its_chunk_only(byte: int, bits: int, killed: Path,
     assert set(found) <= set(whole)
 
 
-@pytest.mark.parametrize(("chunk_number", "kept"), [(1, 4), (5, 854), (-2, 854)])
+@pytest.mark.parametrize(("chunk_number", "kept"), [(1, 854), (5, 854), (-2, 854)])
 def test_a_repair_keeps_what_follows_a_damaged_head(chunk_number: int, kept: int, killed: Path, tmp_path: Path) -> None:
-    """The copy ended at the damaged head, and the original with all later messages was deleted. Where the first chunk with images
-    is lost, so is the description of their channel: then the messages are in the original alone."""
+    """The copy ended at the damaged head, and the original with all later messages was deleted."""
     place = chunks(killed.read_bytes())[chunk_number][0]
     bad = flipped(tmp_path / killed.name, killed, place + 5, 0x20)
     content = bad.read_bytes()
@@ -199,3 +198,32 @@ def test_behind_a_bad_sector_in_a_head_the_log_goes_on(
     assert "the disk cannot be read there" in result.damages[0].cause
     assert result.messages >= len(whole) - 100
     assert messages(tmp_path / "recovered.mcap")[-50:] == whole[-50:]
+
+
+def test_a_damaged_chunk_costs_its_messages_only(killed: Path, tmp_path: Path) -> None:
+    """The first chunk with a message of a topic contained the description of its channel, which no later one repeated: all images of
+    an unfinished log were lost with it."""
+    whole, data = messages(killed), killed.read_bytes()
+    of_chunks = chunks(data)
+    kept = []
+    for number, (begin, length) in enumerate(of_chunks):
+        bad = tmp_path / f"{number}.mcap"
+        bad.write_bytes(data[: begin + length - 5] + bytes(5) + data[begin + length :])
+        kept.append(len(messages(bad)))
+    assert sum(len(whole) - n for n in kept) == len(whole)
+    assert max(len(whole) - n for n in kept) < len(whole) / 4
+
+
+def test_a_lost_beginning_costs_the_messages_up_to_the_next_description(killed: Path, tmp_path: Path) -> None:
+    """As where a power failure left the first blocks unwritten: descriptions are repeated after 1, 2, 4, 8 and each 16 chunks."""
+    whole, data = messages(killed), killed.read_bytes()
+    of_chunks = chunks(data)
+    assert len(of_chunks) > 12
+    begin = of_chunks[0][0]
+    for lost in range(1, 9):
+        end = of_chunks[lost - 1][0] + of_chunks[lost - 1][1]
+        bad = tmp_path / f"{lost}.mcap"
+        bad.write_bytes(data[:begin] + bytes(end - begin) + data[end:])
+        found = messages(bad)
+        assert found == whole[-len(found) :]
+        assert len(whole) - len(found) <= 50 * (2 * lost + 2)

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from mcap.data_stream import ReadDataStream
 from mcap.reader import make_reader
-from mcap.records import Chunk, ChunkIndex, Footer, McapRecord, MessageIndex, Statistics, SummaryOffset
-from mcap.stream_reader import StreamReader
+from mcap.records import Channel, Chunk, ChunkIndex, Footer, McapRecord, MessageIndex, Schema, Statistics, SummaryOffset
+from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.writer import CompressionType, Writer
 
 from companion.log.mcap_writer import McapWriter
@@ -88,9 +88,23 @@ def placeless(record: McapRecord) -> object:
 
 
 @pytest.mark.parametrize("count", [0, 1, 300])
-def test_the_file_is_that_of_the_library_but_for_the_compression(count: int) -> None:
+def test_without_repeated_definitions_the_file_is_that_of_the_library_but_for_the_compression(
+    count: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(McapWriter, "_repeat_definitions", lambda writer: None)
     content = messages(3, count)
     assert list(map(placeless, records(ours(content)))) == list(map(placeless, records(the_library(content))))
+
+
+def test_definitions_are_repeated_seldom_and_as_they_are() -> None:
+    """So that damaged chunks cost their own messages only, where the file has no summary."""
+    found = StreamReader(io.BytesIO(ours(messages(3, 600), ended_every=10)), emit_chunks=True).records
+    contents = [breakup_chunk(record) for record in found if isinstance(record, Chunk)]
+    definitions = [[r for r in content if isinstance(r, Schema | Channel)] for content in contents]
+    assert len(definitions[0]) == 4
+    assert len(definitions) > 40
+    assert [k for k, records in enumerate(definitions) if records] == [0, 1, 3, 7, 15, *range(31, len(definitions), 16)]
+    assert all(records in ([], definitions[0]) for records in definitions)
 
 
 def test_a_reader_finds_every_message_by_the_closing_part() -> None:
