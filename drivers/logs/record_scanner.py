@@ -23,7 +23,7 @@ from mcap.records import Attachment, Channel, Footer, Header, Message, Metadata,
 
 from ..regular_file import regular
 from .chunk import PARSE_ERRORS, stored_bytes, unpacked
-from .chunk_search import FRAME, MAX_RECORD_BYTES, is_chunk, next_chunk
+from .chunk_search import FRAME, MAX_RECORD_BYTES, ChunkSearch, is_chunk
 from .summary import Summary, summary_of
 
 MAGIC: Final = b"\x89MCAP0\r\n"
@@ -93,6 +93,7 @@ class McapScan:
             self._stream.close()
             raise
         self._records_left = _FIRST_RECORDS + self.size
+        self._search = ChunkSearch(self._stream, self.size)
         self._checked = len(MAGIC)  # end of the last chunk that was read; a damaged length may have led over later ones
         self.header: Header | None = None
         self.schemas: dict[int, Schema] = dict(self.summary.schemas) if self.summary else {}
@@ -150,24 +151,33 @@ class McapScan:
     def _broken(self, at: int, cause: str) -> Generator[Item, None, int | None]:
         """A record whose head cannot be read. Returns the place of the next chunk."""
         found = self._next_chunk()
-        yield Damage(at, cause)
+        yield Damage(at, f"{cause}{self._limit_text}")
         return found
 
     def _end(self, at: int, opcode: int = 0) -> Generator[Item, None, int | None]:
         """The records end there, or one that states a length beyond the end of the file begins: the file is truncated, or a length is
         damaged where a whole chunk was not read. Returns the place of that. opcode: of the record."""
         found = self._next_chunk()
-        if found is None:
+        if found is None and not self._search.exhausted:
             if opcode == Opcode.CHUNK and self.size - at <= MAX_RECORD_BYTES:
                 yield from self._record(at, opcode, self.size - at - FRAME.size, whole=False)
             yield Damage(at, _NO_END, end=True)
         else:
-            yield Damage(at, "the length of this record, or of one before it, is damaged")
+            yield Damage(at, f"the length of this record, or of one before it, is damaged{self._limit_text}")
         return found
+
+    @property
+    def _limit_text(self) -> str:
+        """What is added to a damage after which nothing more is read."""
+        return (
+            "; too many places look like the beginning of a chunk: the rest is not read"
+            if self._search.exhausted
+            else ""
+        )
 
     def _next_chunk(self) -> int | None:
         """The place of the next chunk that was not read. Each is returned once: reading it may fail where the search did not."""
-        found = next_chunk(self._stream, self._checked, self.size)
+        found = self._search.next_chunk(self._checked)
         if found is not None:
             self._checked = found + 1
         return found

@@ -6,7 +6,7 @@ import struct
 import subprocess
 import sys
 import zlib
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 import lz4.frame
@@ -14,6 +14,7 @@ import pytest
 import zstandard
 from mcap.opcode import Opcode
 
+from drivers.logs import chunk_search
 from drivers.logs.chunk import MAX_CHUNK_BYTES
 from drivers.logs.record_scanner import Damage, Logged, McapScan
 
@@ -163,3 +164,44 @@ def test_a_record_of_a_gigabyte_in_a_file_with_a_hole_is_left_out(tmp_path) -> N
     scan.close()
     assert any(isinstance(item, Damage) and "4294967296 bytes" in item.cause for item in items)
     assert sum(isinstance(item, Logged) for item in items) == 1
+
+
+def false_heads(count: int, bytes_each: int = 60) -> list[bytes]:
+    """Beginnings of chunks, each of which states that it goes on to the end of the file."""
+    found = []
+    for left in range(count * bytes_each - 9, 0, -bytes_each):
+        head = struct.pack("<BQQQQI", Opcode.CHUNK, left, 5, 5, 100, 1) + text("zstd") + struct.pack("<Q", left - 48)
+        found.append(head.ljust(bytes_each, b"\0"))
+    return found
+
+
+def bombs(count: int) -> list[bytes]:
+    """Chunks of 2 kB that unpack to 64 MiB, with a wrong checksum."""
+    packed = zstandard.ZstdCompressor().compress(bytes(MAX_CHUNK_BYTES))
+    head = struct.pack("<QQQI", 5, 5, MAX_CHUNK_BYTES, 7) + text("zstd") + struct.pack("<Q", len(packed))
+    return [record(Opcode.CHUNK, head + packed)] * count
+
+
+@pytest.mark.parametrize("build", [lambda: false_heads(3000), lambda: bombs(60)], ids=["overlapping", "bombs"])
+def test_the_search_for_chunks_reads_and_unpacks_a_bounded_number_of_bytes(
+    build: Callable[[], list[bytes]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It examined every place as far as it states: 10 MB of such beginnings took hours."""
+    examined = [0]
+    unpack = chunk_search.unpacked
+
+    def counted(payload: bytes, whole: bool) -> bytes:
+        examined[0] += len(payload) + struct.unpack_from("<Q", payload, 16)[0]
+        return unpack(payload, whole)
+
+    monkeypatch.setattr(chunk_search, "unpacked", counted)
+    monkeypatch.setattr(chunk_search, "_FREE_BYTES", 4 * MAX_CHUNK_BYTES)
+    path = file_of(tmp_path / "a.mcap", [chunk(CHANNEL + MESSAGE, "zstd"), bytes([0x7F]), *build()])
+    scan = McapScan(path)
+    items = list(scan.items())
+    scan.close()
+    assert examined[0] < 6 * MAX_CHUNK_BYTES + 8 * scan.size
+    assert [type(item) for item in items] == [Logged, Damage]
+    assert isinstance(items[1], Damage)
+    assert not items[1].end, "the rest may hold messages: a repair keeps the original"
+    assert items[1].cause.endswith("the rest is not read")
