@@ -29,7 +29,11 @@ class MatchParams:
     """Cost and filters of the matching."""
 
     disparities: int = number(
-        96, 16, 512, "px", "disparities searched, rounded up to a multiple of 16: the smallest depth is f B over one less"
+        96,
+        16,
+        512,
+        "px",
+        "disparities searched, rounded up to a multiple of 16: the smallest depth is f B over one less",
     )
     block_px: int = number(5, 1, 15, "px", "side of the matched block, odd")
     uniqueness: int = number(8, 0, 50, "%", "the best match must be better than the next by so much")
