@@ -17,9 +17,10 @@ from collections.abc import Callable
 from contextlib import closing
 from typing import Any
 
-from core.types import CameraInfo, DepthFrame
+from core.types import CameraInfo, DepthFrame, Intrinsics
 from drivers.base import BadData, DeviceLost
 from drivers.cameras.frame_channel import FrameReader, Notification
+from drivers.cameras.oak_view import SAME_INTRINSICS_PX
 from drivers.watched_thread import WatchedThread
 
 from ..config.camera import CameraConfig
@@ -76,7 +77,7 @@ class CameraSupervisor:
         self._frozen_detector = FrozenFrameDetector(self._params.frozen_frames, least_share)
         self._stalled_ns = 0
         self._last_cause = ""  # of the end of the process, as it reported it
-        self._identity = ""  # of the camera that was opened first
+        self._opened_first: tuple[str, Intrinsics] | None = None  # identity and intrinsics at the first opening
 
     @property
     def status(self) -> CameraStatus:
@@ -225,18 +226,28 @@ class CameraSupervisor:
                     f"camera {self.section.name}: its process sent an invalid description: {error}"
                 ) from error
             notice = str(notification.payload.get("notice", ""))
-            self._check_identity(str(notification.payload.get("identity", "")))
+            self._check_same(str(notification.payload.get("identity", "")), info.intrinsics)
             self._update(info=info, notice=notice, cause=self._with_last_loss("no frame yet"))
             self._on_info(info)
 
-    def _check_identity(self, identity: str) -> None:
-        """Raises BadData for another camera than the one that was opened first: its intrinsics and its mount are not known."""
-        self._identity = self._identity or identity
-        if identity != self._identity:
+    def _check_same(self, identity: str, intrinsics: Intrinsics) -> None:
+        """Raises BadData for another camera than the one that was opened first, whose intrinsics and mount are not known, and for other
+        intrinsics, of which one are wrong."""
+        if self._opened_first is None:
+            self._opened_first = identity, intrinsics
+        first_identity, first = self._opened_first
+        if identity != first_identity:
             found = identity or "it states no product and no serial number"
+            known = first_identity or "one that states no product and no serial number"
             raise BadData(
-                f"camera {self.section.name}: another camera ({found}) is connected than at the start ({self._identity}); "
+                f"camera {self.section.name}: another camera ({found}) is connected than at the start ({known}); "
                 "connect that one, or set intrinsics and mount to those of the other and restart the service"
+            )
+        pairs = zip(dataclasses.astuple(intrinsics), dataclasses.astuple(first), strict=True)
+        if any(abs(found - known) > SAME_INTRINSICS_PX for found, known in pairs):
+            raise BadData(
+                f"camera {self.section.name}: its intrinsics ({intrinsics}) were others at the start ({first}): all directions differ. If it "
+                "was calibrated meanwhile, restart the service; else restart the camera"
             )
 
     def _handle_frame(self, frame: DepthFrame, now_ns: int, dropped: int) -> None:
