@@ -210,7 +210,7 @@ class CameraConfig:
                 f'[[camera]] "{self.name}": serial is for kind "v4l2"; remove it (oak: set device to its id; zed: its video '
                 "device states none)"
             )
-        if self.can_mark and -(-self.disparities // 16) * 16 >= self.width_px:
+        if self.can_mark and self._searched_px >= self.width_px:
             raise ValueError(
                 f'[[camera]] "{self.name}": disparities = {self.disparities}, rounded up to a multiple of 16, must be less than '
                 f"width_px = {self.width_px}: in so many columns at the left nothing is matched"
@@ -252,12 +252,17 @@ class CameraConfig:
         return self.can_mark and self.mark_smooth
 
     @property
+    def _searched_px(self) -> int:
+        """Number of disparities that the matcher searches, see `MatchParams.searched`."""
+        return -(-self.disparities // 16) * 16
+
+    @property
     def unmatched_px(self) -> int:
         """Columns at the left of the depth image in which nothing is ever matched."""
         if self.unmatched_left_px is not None:
             return self.unmatched_left_px
         rendered = self.kind == "simulated" and self.render == "stereo"
-        return self.disparities if self.matched_on_host or rendered else 0
+        return self._searched_px if self.matched_on_host or rendered else 0
 
     @property
     def mount(self) -> CameraMount:

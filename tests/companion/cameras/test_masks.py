@@ -173,6 +173,7 @@ def test_the_doctor_finds_a_mask_outside_of_the_image(masks: str, number: int, m
 
 def test_a_zed_never_matches_its_first_columns_unless_configured_otherwise() -> None:
     zed = CameraConfig(name="z", kind="zed", device="/dev/video9", calibration="SN1.conf", disparities=32)
+    assert replace(zed, disparities=17).unmatched_px == 32, "the matcher searches a multiple of 16"
     mask = unmeasured_mask(zed, INFO)
     assert mask is not None
     assert mask[:, :32].all()
