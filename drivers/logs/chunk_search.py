@@ -20,8 +20,8 @@ _LONGEST: Final = 8
 """Bytes of the longer of both names, with its length."""
 _BEFORE: Final = FRAME.size + 28
 """Bytes from the begin of a chunk to that name."""
-_FIRST_PART: Final = 1 << 12
-_PART: Final = 1 << 20
+FIRST_PART: Final = 1 << 12
+MOST_PART: Final = 1 << 20
 """Bytes that are read and searched at a time, at first and at most: the next chunk is often near."""
 _FREE_BYTES: Final = 1 << 28
 _BYTES_PER_BYTE: Final = 8
@@ -50,7 +50,7 @@ class ChunkSearch:
     def next_chunk(self, begin: int) -> int | None:
         """The place of the first whole compressed chunk at or after `begin`; None: there is none, or the limit is reached. What the
         disk cannot read is passed over."""
-        at, step = begin, min(_FIRST_PART, _PART)
+        at, step = begin, min(FIRST_PART, MOST_PART)
         while at < self._size:
             part = _read(self._stream, at, step + _BEFORE + _LONGEST)
             for match in _COMPRESSION.finditer(part, _BEFORE):
@@ -59,7 +59,7 @@ class ChunkSearch:
                 place = at + match.start() - _BEFORE
                 if self._is_chunk(place):
                     return place
-            at, step = at + step, min(2 * step, _PART)
+            at, step = at + step, min(2 * step, MOST_PART)
         return None
 
     def _is_chunk(self, place: int) -> bool:

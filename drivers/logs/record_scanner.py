@@ -23,7 +23,7 @@ from mcap.records import Attachment, Channel, Footer, Header, Message, Metadata,
 
 from ..regular_file import regular
 from .chunk import PARSE_ERRORS, stored_bytes, unpacked
-from .chunk_search import FRAME, MAX_RECORD_BYTES, ChunkSearch, is_chunk
+from .chunk_search import FIRST_PART, FRAME, MAX_RECORD_BYTES, MOST_PART, ChunkSearch, is_chunk
 from .summary import Summary, summary_of
 
 MAGIC: Final = b"\x89MCAP0\r\n"
@@ -190,14 +190,15 @@ class McapScan:
 
     def _only_zeros(self, at: int) -> bool:
         """Whether the rest is zeros: a partial block, or space that a power failure left unwritten."""
+        most = FIRST_PART
         while at < self.size:
             try:
-                part = self._read_at(at, 1 << 20)
+                part = self._read_at(at, most)
             except OSError:
                 return False
             if part.count(0) != len(part) or not part:
                 return False
-            at += len(part)
+            at, most = at + len(part), min(2 * most, MOST_PART)
         return True
 
     def _read_at(self, at: int, length: int) -> bytes:
