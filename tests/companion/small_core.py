@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import os
 import subprocess
 import sys
@@ -9,7 +10,10 @@ from pathlib import Path
 
 import companion.kernels.jit_cache as jit_cache
 from companion.kernels.jit_cache import VARIABLE
-from companion.kernels.source_state import KERNELS_OUTSIDE_CORE, source_key
+from companion.kernels.manifest import Manifest, write_manifest
+from companion.kernels.source_state import KERNELS_OUTSIDE_CORE, import_closures, source_key
+
+OWN_ROOT = jit_cache.ROOT
 
 CALLER = """
 from numba import njit
@@ -51,8 +55,24 @@ def sources(root: Path, factor: int) -> Path:
     return root
 
 
-def python(code: str, cache: Path, **variables: str) -> str:
-    """What code prints that runs with a cache and variables of its environment."""
+@functools.cache
+def own_manifest() -> Manifest:
+    return Manifest(import_closures(OWN_ROOT))
+
+
+def make_own_state(cache: Path) -> None:
+    """Makes the directory of this software in a cache. The first process that imports it would, in a second of processor time."""
+    state = state_of(OWN_ROOT, cache)
+    if not state.exists():
+        state.mkdir(parents=True)
+        write_manifest(state, own_manifest())
+
+
+def python(code: str, cache: Path, *, new: bool = False, **variables: str) -> str:
+    """What code prints that runs with a cache and variables of its environment. new: the process makes its own directory in
+    the cache."""
+    if not new:
+        make_own_state(cache)
     environment = {k: v for k, v in os.environ.items() if k not in ("NUMBA_DISABLE_JIT", "PYTHONPATH")} | variables
     environment[VARIABLE] = str(cache)
     environment["PYTHONDONTWRITEBYTECODE"] = "1"  # bytecode is not renewed for a change within the same second

@@ -35,7 +35,7 @@ ANOTHER_USER = 12345
 
 
 def test_every_module_of_the_service_has_it(tmp_path: Path) -> None:
-    printed = python("import companion.pipeline.pipeline, numba; print(numba.config.CACHE_DIR)", tmp_path)
+    printed = python("import companion.pipeline.pipeline, numba; print(numba.config.CACHE_DIR)", tmp_path, new=True)
     assert Path(printed) == tmp_path / f"kernels-{source_key(jit_cache.ROOT)}"
     assert python("import companion.cli, sys; print('numba' in sys.modules)", tmp_path) == "False"
 

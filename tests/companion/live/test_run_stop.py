@@ -16,6 +16,7 @@ import pytest
 from tests.waiting import PATIENCE_S, until
 
 from ..live_service import ROOT
+from ..small_core import make_own_state
 
 pytestmark = pytest.mark.process
 
@@ -53,7 +54,7 @@ def compiling(tmp_path: Path) -> Iterator[tuple[subprocess.Popen[str], dict[int,
         "NUMBA_CACHE_DIR": str(tmp_path / "kernels"),  # nothing is compiled yet
         "PYTHONPATH": str(ROOT),
     }
-    (tmp_path / "kernels").mkdir()
+    make_own_state(tmp_path / "kernels")
     process = subprocess.Popen(
         [sys.executable, "-m", "companion", "run", "-c", str(config)],
         cwd=ROOT,
@@ -71,7 +72,7 @@ def compiling(tmp_path: Path) -> Iterator[tuple[subprocess.Popen[str], dict[int,
         }
 
     try:
-        assert until(compiles_and_films)
+        assert until(compiles_and_films, every_s=0.1)  # all processes are read each time
         yield process, children_of_it
     finally:
         process.kill()
