@@ -13,6 +13,8 @@ from typing import Any
 import pytest
 
 import companion
+import companion.autopilot.parameter_writer as parameter_writer
+import companion.autopilot.parameters as parameters
 import drivers
 from companion.autopilot.firmware_version import FirmwareVersion
 from companion.autopilot.parameter_advice import advice
@@ -57,16 +59,14 @@ GOOD = {
 
 
 @contextmanager
-def flying(
-    kind: str, folder: Path, parameters: dict[str, float], **profile: Any
-) -> Iterator[tuple[AutopilotLink, Path]]:
+def flying(kind: str, folder: Path, values: dict[str, float], **profile: Any) -> Iterator[tuple[AutopilotLink, Path]]:
     """A simulated autopilot and a configuration for it."""
     port, config = free_port(), folder / "doctor.toml"
     config.write_text(
         f'[autopilot]\naddress = "udpin:127.0.0.1:{port}"\n[avoid]\nsend = true\n[publish]\nhealth = ""\n[record]\nrecord = "off"\n'
     )
     autopilot = SimulatedAutopilot(FirmwareProfile(kind=kind, **profile))
-    autopilot.parameters = DEFAULTS[kind] | parameters
+    autopilot.parameters = DEFAULTS[kind] | values
     with AutopilotLink(autopilot, UdpEnd("127.0.0.1", port)) as line:
         yield line, config
 
@@ -76,7 +76,15 @@ def state(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for name in ("STATE_DIRECTORY", "RUNTIME_DIRECTORY"):
         monkeypatch.setenv(name, str(tmp_path / name))
     monkeypatch.setattr(doctor, "computer_findings", lambda config: iter(()))
-    monkeypatch.setattr(autopilot_check, "RATE_WINDOW_NS", 0)  # rates are not a subject here
+    monkeypatch.setattr(autopilot_check, "RATE_WINDOW_NS", 0)  # neither rates nor forged values are a subject here
+    monkeypatch.setattr(parameters, "SURE_NS", 100_000_000)
+    monkeypatch.setattr(parameters, "ASK_TO_BE_SURE_NS", 40_000_000)
+
+
+@pytest.fixture
+def soon(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Changes are proposed as soon as the parameters are known: for autopilots that are not armed and not contradicted."""
+    monkeypatch.setattr(parameter_writer, "STILL_S", 0.0)
 
 
 def type_in(text: str, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -91,6 +99,7 @@ def sets(line: AutopilotLink) -> list[Any]:
     return list(line.change(lambda a: a.of_kind("PARAM_SET")))
 
 
+@pytest.mark.usefixtures("soon")
 @pytest.mark.parametrize("kind", [PX4, ARDUPILOT])
 def test_with_a_typed_yes_all_is_written_and_read_back(
     kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
@@ -116,6 +125,7 @@ def test_only_a_typed_yes_confirms(answer: str, confirmed: bool, monkeypatch: py
     assert apply.confirmed([]) is confirmed
 
 
+@pytest.mark.usefixtures("soon")
 def test_without_confirmation_nothing_is_written(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -172,6 +182,7 @@ def test_nothing_is_written_when_the_vehicle_is_armed_before_the_confirmation(tm
         assert all(not good and "ARMED" in text for good, text in results)
 
 
+@pytest.mark.usefixtures("soon")
 @pytest.mark.parametrize("unplugged", [True, False])
 def test_nothing_is_written_to_an_autopilot_that_was_exchanged_before_the_confirmation(
     unplugged: bool, tmp_path: Path
@@ -198,6 +209,7 @@ def test_nothing_is_written_to_an_autopilot_that_was_exchanged_before_the_confir
         )
 
 
+@pytest.mark.usefixtures("soon")
 def test_a_rejected_parameter_is_reported_and_the_others_are_written(tmp_path: Path) -> None:
     with flying(ARDUPILOT, tmp_path, BAD[ARDUPILOT]) as (line, config):
         line.change(lambda a: a.stubborn.add("PRX1_TYPE"))
@@ -233,6 +245,7 @@ def test_a_proximity_sensor_of_the_vehicle_is_not_replaced() -> None:
         assert changes(facts(ARDUPILOT, GOOD[ARDUPILOT] | sensors), Config()) == []
 
 
+@pytest.mark.usefixtures("soon")
 def test_good_parameters_are_not_changed(tmp_path: Path) -> None:
     for kind, good in (*PARAMETERS.items(), *GOOD.items()):
         assert changes(facts(kind, good), Config()) == []
@@ -242,6 +255,7 @@ def test_good_parameters_are_not_changed(tmp_path: Path) -> None:
         assert sets(line) == []
 
 
+@pytest.mark.usefixtures("soon")
 def test_a_pending_restart_is_reported_until_the_autopilot_was_restarted(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -279,6 +293,7 @@ def test_options_that_exclude_each_other_are_refused(tmp_path: Path, capsys: pyt
     assert "add --yes" in capsys.readouterr().err
 
 
+@pytest.mark.usefixtures("soon")
 def test_px4_receives_integers_as_the_bytes_of_a_float(tmp_path: Path) -> None:
     with flying(PX4, tmp_path, BAD[PX4]) as (line, config):
         assert all(good for good, _ in steps(config, lambda wanted: True))
