@@ -19,11 +19,13 @@ from companion.config.service import AutopilotConfig
 from companion.demo.command import scripts_outside_path
 from companion.demo.demo import CAMERA, EMBEDDED, MAX_FPS, DemoOptions, demo_config
 from companion.demo.listener import ReceiveStats
-from companion.demo.live import DemoError, Processes, live_config, toml_of
+from companion.demo.live import DemoError, LiveRun, Processes, live_config, toml_of
 from companion.demo.sole_use import sole_use
 from drivers.logs.reader import McapRecording
 from osape_client.proto import osape_v1_pb2 as pb
 from tests.waiting import until
+
+from ..recorded import SMALL, recorded
 
 pytestmark = pytest.mark.process
 
@@ -44,11 +46,19 @@ def test_the_demo_flies_the_service_and_makes_what_it_names(tmp_path: Path, caps
     assert sum(isinstance(m, pb.PrismsFrame) and m.valid for m in results) > 5
 
 
+def flown_before(config: Config, folder: Path, duration_s: float, on_progress: object) -> LiveRun:
+    """A small recorded flight in the place of one of the service, which takes twelve seconds of processor time."""
+    recorded(folder / "demo-flight", SMALL)
+    (log,) = (folder / "demo-flight").iterdir()
+    return LiveRun(log=log, health=pb.Health(), received=ReceiveStats(valid=1), duration_s=duration_s)
+
+
 def test_the_demo_keeps_the_logs_of_the_user_and_draws_its_page_alone_without_matplotlib(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """It replaced prisms.mcap, and deleted the folder logs. An installation without the extra `view` failed at its end."""
     monkeypatch.setitem(sys.modules, "matplotlib.backends.backend_agg", None)
+    monkeypatch.setattr("companion.demo.demo.fly", flown_before)
     log, result = tmp_path / "logs" / "flight.000.mcap", tmp_path / "prisms.mcap"
     log.parent.mkdir()
     log.write_text("the only copy")
