@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fcntl
 import itertools
 import math
 import shutil
@@ -42,14 +43,19 @@ def missing() -> str:
 
 
 @pytest.fixture(scope="module")
-def program(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def program(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """Built in the cache directory of pytest: what has not changed since an earlier run is not compiled again, which takes
+    20 s of processor time."""
     if missing():
         pytest.skip(f"the C++ library cannot be built: {missing()}")
-    build = tmp_path_factory.mktemp("cpp")
-    for command in (["cmake", "-S", SOURCE, "-B", build], ["cmake", "--build", build]):
-        done = subprocess.run(command, capture_output=True, text=True, check=False)
-        assert done.returncode == 0, done.stdout + done.stderr
-    return build / "subscriber"
+    cache = getattr(request.config, "cache", None)  # None: -p no:cacheprovider
+    build = tmp_path_factory.mktemp("cpp") if cache is None else Path(cache.mkdir("cpp-client"))
+    with (build / "in-use").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)  # another run of the tests may build here
+        for command in (["cmake", "-S", SOURCE, "-B", build], ["cmake", "--build", build]):
+            done = subprocess.run(command, capture_output=True, text=True, check=False)
+            assert done.returncode == 0, done.stdout + done.stderr
+        yield build / "subscriber"
 
 
 @pytest.fixture
