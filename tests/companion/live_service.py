@@ -87,10 +87,12 @@ class Live:
 
     sections: TOML; {cable} is replaced by the path of a file (deleted: the camera is unplugged), {port} by a free UDP port. The
     limit for opening a camera is added.
-    renders: directory of rendered frames."""
+    renders: directory of rendered frames.
+    quick: some intervals are shorter, see `quick_service`."""
 
-    def __init__(self, folder: Path, sections: str, renders: Path) -> None:
+    def __init__(self, folder: Path, sections: str, renders: Path, *, quick: bool = False) -> None:
         self.folder, self.cable = folder, folder / "cable"
+        self._program = "tests.companion.quick_service" if quick else "companion"
         self.port = free_port()
         self.config = folder / "live.toml"
         self.cable.touch()
@@ -120,7 +122,7 @@ class Live:
         """Starts the service without waiting until it is ready. before: a command that executes the one after it."""
         with (self.folder / "output.txt").open("a") as output:
             self.process = subprocess.Popen(
-                [*before, sys.executable, "-m", "companion", "run", "-c", str(self.config)],
+                [*before, sys.executable, "-m", self._program, "run", "-c", str(self.config)],
                 cwd=ROOT,
                 env=self.environment,
                 stdout=output,

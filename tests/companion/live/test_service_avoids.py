@@ -14,7 +14,7 @@ from pathlib import Path
 
 import pytest
 
-from drivers.simulation.autopilot import ARDUPILOT, PX4
+from drivers.simulation.autopilot import ARDUPILOT, PX4, SimulatedAutopilot
 from drivers.simulation.autopilot_link import AutopilotLink
 from drivers.simulation.firmware_parameters import PARAMETERS
 from osape_client.proto import osape_v1_pb2 as pb
@@ -30,7 +30,7 @@ name = "front"
 kind = "simulated"
 flight = "window"
 width_px = 160
-fps = 30.0
+fps = 15.0
 device = "{cable}"
 
 [autopilot]
@@ -104,8 +104,13 @@ class AvoidingService:
 
     def has_obstacles(self) -> bool:
         """Whether the newest message has an obstacle ahead that is not of a failsafe policy."""
-        avoiding = self.messages()
-        return bool(avoiding) and any(v not in (65535, 266, 302) for v in (avoiding[-1][1][i] for i in FRONT))
+
+        def newest(autopilot: SimulatedAutopilot) -> list[int]:
+            found = (m for m in reversed(autopilot.received) if m.get_type() == "OBSTACLE_DISTANCE")
+            return next((list(m.distances) for m in found), [])
+
+        values = self.line.change(newest)
+        return bool(values) and any(values[i] not in (65535, 266, 302) for i in FRONT)
 
     def has_read_the_margin(self) -> bool:
         """Whether the parameter that places the wall was read; it is in the state folder then."""
@@ -117,8 +122,8 @@ class AvoidingService:
 def avoiding(
     request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory, renders: Path
 ) -> Iterator[AvoidingService]:
-    """Starts with a wrong parameter: the service reads changed ones every ten seconds only."""
-    live = Live(tmp_path_factory.mktemp("avoid"), CONFIG, renders)
+    """Starts with a wrong parameter."""
+    live = Live(tmp_path_factory.mktemp("avoid"), CONFIG, renders, quick=True)
     with flown(live, request.param) as line:
         line.change(lambda a: a.parameters.update(PARAMETERS[request.param] | BAD[request.param]))
         avoiding = AvoidingService(live, line, request.param)

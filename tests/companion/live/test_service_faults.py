@@ -1,4 +1,6 @@
-"""Faults of the autopilot and of the link, end to end: the obstacle output and its timing."""
+"""Faults of the autopilot and of the link, end to end: the obstacle output and its timing.
+
+With one kind of autopilot; with both, on real links without the processes: tests/companion/autopilot/test_fault_table.py."""
 
 from __future__ import annotations
 
@@ -11,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from companion.autopilot.simulate_autopilot import simulated
-from drivers.simulation.autopilot import ARDUPILOT, PX4, SimulatedAutopilot
+from drivers.simulation.autopilot import ARDUPILOT, SimulatedAutopilot
 from drivers.simulation.autopilot_link import AutopilotLink, Faults, PtyEnd
 from drivers.simulation.firmware_parameters import PARAMETERS
 from drivers.simulation.flight_path import VehicleState
@@ -24,20 +26,18 @@ from .test_service_conflicts import WALL_CM
 pytestmark = [pytest.mark.process, pytest.mark.realtime]
 
 
-@pytest.fixture(scope="module", params=[PX4, ARDUPILOT])
-def avoiding(
-    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory, renders: Path
-) -> Iterator[AvoidingService]:
+@pytest.fixture(scope="module")
+def avoiding(tmp_path_factory: pytest.TempPathFactory, renders: Path) -> Iterator[AvoidingService]:
     """On a serial line with noise, late and doubled messages."""
     end = PtyEnd()
     sections = CONFIG.replace("udpin:127.0.0.1:{port}", f"serial:{end.device}:921600")
-    live = Live(tmp_path_factory.mktemp("faults"), sections, renders)
-    autopilot = simulated(live.flight(), request.param)
+    live = Live(tmp_path_factory.mktemp("faults"), sections, renders, quick=True)
+    autopilot = simulated(live.flight(), ARDUPILOT)
     autopilot.profile.boot_at_ns = time.monotonic_ns() - 30 * NS
-    autopilot.parameters = dict(PARAMETERS[request.param])
+    autopilot.parameters = dict(PARAMETERS[ARDUPILOT])
     faults = Faults(jitter_s=0.005, noise_share=0.1, double_share=0.05, late_share=0.01)
     with AutopilotLink(autopilot, end, faults) as line:
-        avoiding = AvoidingService(live, line, request.param)
+        avoiding = AvoidingService(live, line, ARDUPILOT)
         try:
             live.start()
             assert until(avoiding.has_obstacles)
@@ -84,9 +84,8 @@ def test_without_an_attitude_that_is_one_nothing_is_clear(avoiding: AvoidingServ
             for t, values in avoiding.decisions()
             if begun_ns + round(1.5 * NS) < t < begun_ns + 3 * NS
         ]
-        allowed = {302, 65535} if avoiding.kind == PX4 else {WALL_CM}  # PX4's wall stands for two seconds
         assert late
-        assert [values for _, values in late if not set(values) <= allowed] == []
+        assert [values for _, values in late if not set(values) <= {WALL_CM}] == []
         assert until(lambda: any(t.startswith("OA: front blind: ") for t in avoiding.texts()))
         codes = {d.code for d in avoiding.health.since(0)[-1].diagnostics}
         assert ("attitude_repeated" in codes) is (fault is repeats_attitude)

@@ -1,26 +1,16 @@
-"""MAVLink signing from end to end: the service as a process, the autopilot over UDP, and the commands for keys."""
+"""MAVLink signing from end to end: the service as a process, the autopilot over UDP."""
 
 from __future__ import annotations
 
-import hashlib
-import io
-import json
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
-from companion.autopilot.status_text import MOST_CHARACTERS
-from companion.cli import main
-from companion.doctor import doctor
-from drivers.mavlink.signing import Signing, Verdict
-from drivers.mavlink.signing_clock import SigningClock
-from drivers.mavlink.signing_key import SigningKey, load_key
-from drivers.simulation.autopilot import ARDUPILOT, PX4, SimulatedAutopilot
-from drivers.simulation.autopilot_link import AutopilotLink, UdpEnd
+from drivers.simulation.autopilot import ARDUPILOT, PX4
+from drivers.simulation.autopilot_link import AutopilotLink
 from drivers.simulation.firmware_parameters import PARAMETERS
 from osape_client.proto import osape_v1_pb2 as pb
-from tests.ports import free_port
 from tests.waiting import PATIENCE_S, until
 
 from ..live_service import Live, flown
@@ -31,21 +21,19 @@ pytestmark = [pytest.mark.process, pytest.mark.realtime]
 KEY = bytes(range(1, 33))
 
 
-@pytest.fixture(scope="module", params=[PX4, ARDUPILOT])
-def avoiding(
-    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory, renders: Path
-) -> Iterator[AvoidingService]:
-    """A service and its autopilot with the same key; the autopilot has no clock."""
+@pytest.fixture(scope="module")
+def avoiding(tmp_path_factory: pytest.TempPathFactory, renders: Path) -> Iterator[AvoidingService]:
+    """A service and its autopilot with the same key; the autopilot has no clock. Nothing of signing depends on its kind."""
     folder = tmp_path_factory.mktemp("signed")
     key = folder / "signing.key"
     key.write_bytes(KEY)
     key.chmod(0o600)
-    live = Live(folder, CONFIG.replace("[avoid]", f'signing_key = "{key}"\n\n[avoid]'), renders)
-    with flown(live, request.param) as line:
-        line.change(lambda a: (a.sign(KEY), a.parameters.update(PARAMETERS[request.param])))
+    live = Live(folder, CONFIG.replace("[avoid]", f'signing_key = "{key}"\n\n[avoid]'), renders, quick=True)
+    with flown(live, ARDUPILOT) as line:
+        line.change(lambda a: (a.sign(KEY), a.parameters.update(PARAMETERS[ARDUPILOT])))
         try:
             live.start()
-            yield AvoidingService(live, line, request.param)
+            yield AvoidingService(live, line, ARDUPILOT)
             assert live.stop() == 0
             assert KEY.hex() not in live.output()
         finally:
@@ -88,7 +76,7 @@ def test_after_kill_9_the_signature_timestamps_increase(avoiding: AvoidingServic
 
 
 def test_without_the_key_it_is_reported_that_the_autopilot_drops_messages(tmp_path: Path, renders: Path) -> None:
-    live = Live(tmp_path, CONFIG, renders)
+    live = Live(tmp_path, CONFIG, renders, quick=True)
     with flown(live, PX4) as line:
         sign(line, KEY)
         avoiding = AvoidingService(live, line, PX4)
@@ -117,69 +105,3 @@ def test_a_key_that_others_can_read_stops_the_start(tmp_path: Path, renders: Pat
         assert "others can read it (mode 644)" in live.output()
     finally:
         live.close()
-
-
-@pytest.mark.parametrize(
-    ("ours", "theirs", "good", "text"),
-    [
-        (KEY, KEY, True, "both ends sign"),
-        (None, KEY, False, "no key is configured"),
-        (KEY, None, False, "does not sign"),
-        (KEY, bytes(32 * [7]), False, "another key"),
-    ],
-)
-def test_the_doctor_reports_the_state_of_signing(
-    ours: bytes | None,
-    theirs: bytes | None,
-    good: bool,
-    text: str,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    signing = ""
-    if ours is not None:
-        key = tmp_path / "signing.key"
-        key.write_text(ours.hex())
-        key.chmod(0o600)
-        signing = f'signing_key = "{key}"'
-    for name in ("STATE_DIRECTORY", "RUNTIME_DIRECTORY"):
-        monkeypatch.setenv(name, str(tmp_path / name))
-    monkeypatch.setattr(doctor, "computer_findings", lambda config: iter(()))
-    port, config = free_port(), tmp_path / "doctor.toml"
-    config.write_text(
-        f'[autopilot]\naddress = "udpin:127.0.0.1:{port}"\n{signing}\n[publish]\nhealth = ""\n[record]\nrecord = "off"\n'
-    )
-    with AutopilotLink(SimulatedAutopilot(), UdpEnd("127.0.0.1", port)) as line:
-        line.change(lambda a: (a.sign(theirs), a.parameters.update(PARAMETERS[PX4])))
-        # with different keys the clocks are never synchronised, and the command takes all of its time
-        main(["doctor", "-c", str(config), "--json", "--patience", "60" if good else "5"])
-    findings = [f for f in json.loads(capsys.readouterr().out)["findings"] if f["part"] == "signing"]
-    assert len(findings) == 1
-    assert findings[0]["ok"] == good
-    assert text in findings[0]["text"]
-
-
-def test_keys_of_signatures_by_command(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    file = tmp_path / "signing.key"
-    assert main(["keys", "--signing", str(file)]) == 0
-    findings = capsys.readouterr().out
-    assert f'signing_key = "{file}"' in findings
-    assert load_key(file).secret.hex() not in findings
-    monkeypatch.setattr("sys.stdin", io.StringIO("open sesame\n"))
-    assert main(["keys", "--signing", str(tmp_path / "phrase"), "--passphrase"]) == 0
-    assert load_key(tmp_path / "phrase").secret == hashlib.sha256(b"open sesame").digest()
-    assert main(["keys", "--signing", str(file)]) == 1
-    assert main(["keys"]) == 2
-
-
-def test_texts_on_signatures_fit_a_statustext_up_to_their_colon() -> None:
-    for key in (SigningKey(KEY), None):
-        for verdict in Verdict:
-            s = Signing(key, SigningClock(None, lambda: 1_800_000_000 * 10**9))
-            s._autopilot_ns[verdict] = 10**9
-            for answered in (True, False):
-                text = s.fault(2 * 10**9, answered=answered)
-                assert len("OA: " + text.split(":")[0]) <= MOST_CHARACTERS
