@@ -29,6 +29,8 @@ _APART_M = 0.2
 """Detections of one frame that overlap by more are different surfaces."""
 _EMPTY_SHARE, _EMPTY_M2 = 0.15, 0.1
 """A rectangle around two others may hold this share of its area, and this area, that neither covers."""
+_EMPTY_M = 0.5
+"""Greatest side of an empty square that it may hold, as a merged plane of one frame (default of join_gap_m)."""
 STEADY_HITS = 5
 """A track observed as often is steady."""
 _TALLER_M = 0.5
@@ -72,13 +74,28 @@ def gate_at(track, d, s, gate):
 @inner
 def fits_one_rectangle(low, high, top, bottom, track):
     """Whether one rectangle for a track and another part of its line (s low..high, heights top..bottom) is mostly covered by
-    both: a pole beside a car is not one tall surface with it."""
+    both, and at each corner: a pole beside a car is not one tall surface with it."""
     length = max(high, track.s1_m) - min(low, track.s0_m)
     height = max(bottom, track.bottom_m) - min(top, track.top_m)
     over_s = max(0.0, min(high, track.s1_m) - max(low, track.s0_m))
     over_z = max(0.0, min(bottom, track.bottom_m) - max(top, track.top_m))
     both = (high - low) * (bottom - top) + (track.s1_m - track.s0_m) * (track.bottom_m - track.top_m) - over_s * over_z
-    return length * height - both <= _EMPTY_SHARE * length * height + _EMPTY_M2
+    if length * height - both > _EMPTY_SHARE * length * height + _EMPTY_M2:
+        return False
+    return not has_empty_corner(low, high, top, bottom, track)
+
+
+@inner
+def has_empty_corner(low, high, top, bottom, track):
+    """Whether one rectangle for a track and another part of its line (s low..high, heights top..bottom) holds an empty square
+    greater than _EMPTY_M at a corner: one of the two reaches farther along there, and the other farther up or down."""
+    for left in range(2):
+        along_m = low - track.s0_m if left else track.s1_m - high
+        for upper in range(2):
+            up_m = top - track.top_m if upper else track.bottom_m - bottom
+            if along_m * up_m < 0.0 and min(abs(along_m), abs(up_m)) > _EMPTY_M:
+                return True
+    return False
 
 
 @inner
@@ -124,10 +141,13 @@ def continues(d, track, gate, eye):
 
 @inner
 def covers(d, track, gate):
-    """Whether a detection covers a track: it reaches over most of its length and height, no more than the gate in front of
-    it and no more than its own margin behind it."""
+    """Whether a detection covers a track: it reaches over most of its length and height, leaves no corner of one
+    rectangle for both empty, and lies no more than the gate in front of it and no more than its own margin behind it."""
     height = min(d.bottom_m, track.bottom_m) - max(d.top_m, track.top_m)
     if height < 0.8 * (track.bottom_m - track.top_m) or is_much_taller(d, track):
+        return False
+    sa, sb = along(track, d.ax_m, d.ay_m), along(track, d.bx_m, d.by_m)
+    if has_empty_corner(min(sa, sb), max(sa, sb), d.top_m, d.bottom_m, track):
         return False
     front = max(gate.least_m, min(_FRONT_M, d.margin_m))
     low, high = math.inf, -math.inf
