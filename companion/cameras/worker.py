@@ -57,7 +57,12 @@ def description(section: CameraConfig, source: DepthSource) -> CameraInfo:
             f"camera {section.name}: its images have {found[0]}x{found[1]} pixels, {wanted[0]}x{wanted[1]} are configured: masks would hide "
             f"other parts of the image. Set width_px = {found[0]} and height_px = {found[1]}, and draw masks in an image of this size"
         )
-    info = dataclasses.replace(info, min_range_m=max(info.min_range_m, source.info.min_range_m))
+    least_m = max(info.min_range_m, source.info.min_range_m)
+    if least_m >= info.max_range_m:
+        raise ValueError(
+            f"max_range_m = {info.max_range_m:g} is not greater than the least depth of this camera, {least_m:g} m; raise it"
+        )
+    info = dataclasses.replace(info, min_range_m=least_m)
     if source.notice:
         info = dataclasses.replace(info, bias_per_m=max(info.bias_per_m, source.info.bias_per_m))
     return info

@@ -8,6 +8,7 @@ from typing import Any
 
 from core.param_field import choice, critical, number, switch, text
 from core.types import MOST_BIAS_PER_M, CameraInfo, CameraMount
+from drivers.mavlink.address import parse_address
 
 from .camera_kinds import CAMERA_KINDS, RECORDED
 
@@ -196,6 +197,11 @@ class CameraConfig:
                 f'[[camera]] "{self.name}": min_range_m = {self.min_range_m:g} must be less than '
                 f"max_range_m = {self.max_range_m:g}"
             )
+        try:
+            if self.follow:
+                parse_address(self.follow)
+        except ValueError as error:
+            raise ValueError(f'[[camera]] "{self.name}": follow: {error}') from error
         if self.follow and self.render == "stereo":
             raise ValueError(
                 f'[[camera]] "{self.name}": render = "stereo" is not available with follow: the camera that follows an '
@@ -229,7 +235,13 @@ class CameraConfig:
             k: getattr(self, k) for k in ("min_range_m", "max_range_m", "ke_per_m", "bias_per_m")
         }
         given = {k: v for k, v in optional.items() if v is not None}
-        return replace(info, mount=replace(info.mount, **mount), **given)
+        try:
+            return replace(info, mount=replace(info.mount, **mount), **given)
+        except ValueError as error:
+            raise ValueError(
+                f'[[camera]] "{self.name}": with min_range_m and max_range_m as the camera or the recording has them: {error}; '
+                "set both, min_range_m less than max_range_m"
+            ) from error
 
     @property
     def size_px(self) -> tuple[int, int]:

@@ -15,10 +15,10 @@ from ..console import fail, print_json, print_line, warn
 from .camera import CameraConfig
 from .camera_kinds import CAMERA_KINDS, RECORDED
 from .clear_reach import clear_reach_texts
-from .devices import device_problems
 from .differences import Difference, differences
 from .loader import Config, ConfigError, load_config
 from .obstacle_range import obstacle_range_m
+from .startup import startup_problems
 from .template_intrinsics import template_texts
 
 
@@ -39,7 +39,11 @@ def run(args: argparse.Namespace) -> int:
         fail(str(error))
         return 1
     found = differences(config)
-    refused = [*(text for _, text in template_texts(config.cameras)), *device_problems(config.cameras)]
+    refused = [
+        *(text for _, text in template_texts(config.cameras)),
+        *startup_problems(config),
+        *_range_problems(config.cameras),
+    ]
     if args.json:
         print_json(
             {
@@ -112,6 +116,15 @@ def _calibration_texts(cameras: Sequence[CameraConfig]) -> Iterator[str]:
                 load_zed_calibration(Path(camera.calibration), camera.width_px, camera.height_px)
             except DriverError as error:
                 yield f'[[camera]] "{camera.name}" cannot be opened on this computer: {error}'
+
+
+def _range_problems(cameras: Sequence[CameraConfig]) -> Iterator[str]:
+    """Cameras of which one limit of the range is configured and contradicts the typical value of the other."""
+    for camera in cameras:
+        try:
+            _described(camera)
+        except ValueError as error:
+            yield str(error)
 
 
 def _described(camera: CameraConfig) -> CameraInfo:

@@ -44,6 +44,7 @@ _COMBINED = ("extractor", "expert", "camera")
 """Sections that are not one field of `Config` each."""
 MAX_BYTES = 1_000_000
 """Of a configuration file; a log given by mistake can be of gigabytes."""
+NOT_UTF_8 = "not a text file in UTF-8; a configuration is a TOML file: save it with the encoding UTF-8"
 MAX_BLIND_DELAY_S = 0.4
 """After the newest exposure, so late at most: no setting may make it later."""
 
@@ -161,12 +162,12 @@ def load_config(path: Path) -> Config:
             raw = stream.read(MAX_BYTES + 1)
         text = raw.decode("utf-8-sig")  # some editors put a mark before the text
     except UnicodeDecodeError as error:
-        raise ConfigError(
-            str(path), ["not a text file in UTF-8; a configuration is a TOML file: save it with the encoding UTF-8"]
-        ) from error
+        raise ConfigError(str(path), [NOT_UTF_8]) from error
     except OSError as error:
         problem = f"cannot be read ({error.strerror}); {_remedy(path, error)}"
         raise ConfigError(str(path), [problem]) from error
+    if "\0" in text:  # UTF-16 without a mark, or a binary file
+        raise ConfigError(str(path), [NOT_UTF_8])
     if len(raw) > MAX_BYTES:
         raise ConfigError(
             str(path), [f"larger than {MAX_BYTES // 1_000_000} MB; give a configuration, which is a short TOML file"]
@@ -174,13 +175,7 @@ def load_config(path: Path) -> Config:
     try:
         content = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
-        repeated = "twice" in str(error) or "overwrite" in str(error)
-        remedy = (
-            "a section or a key stands there twice: put all keys of a section under one header"
-            if repeated
-            else "strings need quotes; decimals have a dot, with a digit on both sides"
-        )
-        problem = f"not valid TOML: {error}; {remedy}"
+        problem = f"not valid TOML: {error}; {_toml_remedy(str(error))}"
         raise ConfigError(str(path), [problem]) from error
     except ValueError as error:  # Python reads numbers of up to 4300 digits
         raise ConfigError(str(path), [TOO_LONG]) from error
@@ -192,6 +187,15 @@ def load_config(path: Path) -> Config:
     for warning in warnings:
         log.warning("%s: %s", path, warning)
     return config_of(current, str(path))
+
+
+def _toml_remedy(error: str) -> str:
+    """What to do about a text that is not TOML. error: the message of tomllib."""
+    if "twice" in error or "overwrite" in error:
+        return "a section or a key stands there twice: put all keys of a section under one header"
+    if "Unescaped" in error:
+        return "in double quotes a backslash begins an escape: use single quotes"
+    return "strings need quotes; true and false are in lower case; decimals have a dot, with a digit on both sides"
 
 
 def _remedy(path: Path, error: OSError) -> str:

@@ -27,7 +27,9 @@ def mistake_text(error: Any) -> str:
     if error["type"] == "missing":
         return f"{where} is missing: {_doc(section, path[-1])}"
     if section not in SECTIONS or len(path) < (3 if section == "camera" else 2):
-        form = "[[camera]] with double brackets" if section == "camera" else f"a section [{section}]"
+        form = (
+            "[[camera]] with double brackets" if section == "camera" else f"a section [{section}] with single brackets"
+        )
         return f"{where}: expected {form}"
     key = next(f for f in fields_of(section) if f.name == path[-1])
     if isinstance(error["input"], str) and "\0" in error["input"]:

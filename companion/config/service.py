@@ -7,16 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from core.param_field import check, choice, critical, number, switch, text
-from drivers.mavlink.address import is_host, parse_address
+from drivers.mavlink.address import parse_address
 
-
-def _is_endpoint(address: str) -> bool:
-    """True if an address is ipc://PATH or tcp://HOST:PORT."""
-    kind, _, place = address.partition("://")
-    host, _, port = place.rpartition(":")
-    if kind == "tcp":
-        return is_host(host) and port.isdecimal() and 0 < int(port) < 65536
-    return kind == "ipc" and bool(place)
+from .endpoints import FORMS, RUN, is_endpoint
 
 
 def check_line(key: str, address: str) -> None:
@@ -105,10 +98,9 @@ class PublishConfig:
             raise ValueError("[publish] world and world_requests: give both addresses, or neither")
         for name in (*STREAMS, *WORLD_STREAMS, "neighbours", "depth"):
             address = getattr(self, name)
-            if address and not _is_endpoint(address):
-                raise ValueError(
-                    f'[publish] {name} = "{address}": expected ipc://PATH or tcp://HOST:PORT, an IPv6 HOST in brackets'
-                )
+            if address and not is_endpoint(address):
+                other = "; {run} is the only placeholder" if "{" in address.replace(RUN, "") else ""
+                raise ValueError(f'[publish] {name} = "{address}": expected {FORMS}{other}')
             if address and address in places:
                 other = places[address]
                 raise ValueError(f'[publish] {other} and {name} have the same address "{address}"; give each its own')
@@ -116,7 +108,7 @@ class PublishConfig:
 
     def address(self, stream: str, run: Path) -> str:
         """The address of a stream; empty: none. run: the service's run folder."""
-        return str(getattr(self, stream)).replace("{run}", str(run))
+        return str(getattr(self, stream)).replace(RUN, str(run))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -157,7 +149,7 @@ class RecordParams:
     def __post_init__(self) -> None:
         check("record", self)
         if self.file_mb >= self.budget_mb:
-            raise ValueError(f"record: file_mb = {self.file_mb:g} must be less than budget_mb = {self.budget_mb:g}")
+            raise ValueError(f"[record] file_mb = {self.file_mb:g} must be less than budget_mb = {self.budget_mb:g}")
 
     def place(self, state: Path) -> Path:
         """The directory of the logs. state: that of the service's state."""

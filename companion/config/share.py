@@ -69,5 +69,7 @@ class ShareConfig(SharingParams):
                 f'[share] origin = "{self.origin}": expected latitude, longitude, altitude, such as 47.3977, 8.5456, 488'
             ) from error
         if not (abs(lat) <= 90.0 and abs(lon) <= 180.0 and abs(alt) <= 20_000.0):
-            raise ValueError(f'[share] origin = "{self.origin}": not a place on Earth')
+            raise ValueError(
+                f'[share] origin = "{self.origin}": not a place on Earth; expected latitude -90..90, longitude -180..180, altitude'
+            )
         return lat, lon, alt

@@ -20,6 +20,7 @@ from ..config.devices import device_problems
 from ..config.differences import expert_lines, safety_lines
 from ..config.installed import INSTALLED, config_path
 from ..config.loader import Config, load_config
+from ..config.startup import stream_problems
 from ..console import print_json, print_line
 from ..diagnostic import DiagnosticCode
 from ..live.diagnostics import template_intrinsics
@@ -61,12 +62,14 @@ def examine(config: Config, patience_s: float) -> Iterator[Finding]:
 
 
 def config_findings(config: Config) -> Iterator[Finding]:
-    """Template intrinsics, devices that `run` refuses, and changed safety and expert keys. A changed key is not a fault:
+    """Template intrinsics, devices and streams that `run` refuses, and changed safety and expert keys. A changed key is not a fault:
     some keys must fit the camera and the vehicle."""
     for found in template_intrinsics(config.cameras):
         yield Finding(f"camera {found.camera}", False, found.line(), found.code)
     for text in device_problems(config.cameras):
         yield Finding("cameras", False, text, DiagnosticCode.CAMERA_UNAVAILABLE)
+    for text in stream_problems(config):
+        yield Finding("streams", False, text)
     for name, lines in (("safety keys", safety_lines(config)), ("expert keys", expert_lines(config))):
         yield Finding(name, True, "all have their defaults" if not lines else f"changed: {'; '.join(lines)}")
 

@@ -14,6 +14,7 @@ from typing import Any
 from ..common_options import add_config
 from ..config.check_config import lacks_for_run
 from ..config.loader import Config, ConfigError, load_config
+from ..config.startup import startup_problems
 from ..console import print_json, print_line, warn
 from ..kernels.jit_cache import SHARED
 from ..packaged import packaged_file
@@ -166,6 +167,8 @@ def config_step(paths: InstallPaths, config: Path | None, replace: bool) -> Step
         check_files(load_config(target), paths)
         return Step(f"keep {target}", True, lambda: None)
     content = load_config(config)
+    if problems := startup_problems(content):
+        raise ConfigError(str(config), problems)
     check_files(content, paths)
     if lacks := lacks_for_run(content):
         warn(f"{config} lacks {' and '.join(lacks)}: the service waits for it")

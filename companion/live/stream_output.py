@@ -12,6 +12,7 @@ import zmq
 from osape_client.proto import osape_v1_pb2 as pb
 
 from ..cameras.status import CameraStatus
+from ..config.endpoints import opened_streams
 from ..config.loader import Config
 from ..config.service import STREAMS
 from ..pipeline.encode import blind_message, wire_bytes
@@ -45,16 +46,10 @@ class StreamOutput:
 
     def open(self, run: Path, context: zmq.Context[zmq.Socket[bytes]], keys: ServerKeys | None) -> None:
         """Binds the sockets of the configured addresses. run: folder that replaces `{run}`. Raises as Publisher does."""
-        for name in STREAMS:
-            address = self._config.publish.address(name, run)
-            if address and self._is_published(name):
-                self.publishers[name] = Publisher(Stream(name, address), context, keys)
-
-    def _is_published(self, name: str) -> bool:
-        """Whether the configuration has content for a stream."""
-        if name == "surround":
-            return len(self._config.cameras) > 1
-        return name != "tracks" or self._config.tracking.enabled
+        for name in opened_streams(self._config):
+            if name in STREAMS:
+                stream = Stream(name, self._config.publish.address(name, run))
+                self.publishers[name] = Publisher(stream, context, keys)
 
     def close(self) -> None:
         """Closes the sockets. May be called twice."""

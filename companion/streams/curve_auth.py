@@ -5,7 +5,6 @@ each client that may subscribe. `companion keys` makes them."""
 
 from __future__ import annotations
 
-import ipaddress
 import re
 from dataclasses import dataclass
 from pathlib import Path
@@ -27,19 +26,6 @@ class ServerKeys:
     secret: bytes
     public: bytes
     clients: tuple[bytes, ...]
-
-
-def beyond_loopback(address: str) -> bool:
-    """Whether other machines can reach a ZeroMQ address."""
-    if not address.startswith("tcp://"):
-        return False
-    host = address.removeprefix("tcp://").rpartition(":")[0].strip("[]")
-    if host == "localhost":
-        return False
-    try:
-        return not ipaddress.ip_address(host).is_loopback
-    except ValueError:
-        return True  # *, an interface's name, a host's name
 
 
 def check_client(name: str) -> None:

@@ -18,8 +18,9 @@ from google.protobuf.message import Message
 from drivers.base import DeviceNotFound
 from osape_client.connect import allow_ipv6
 
+from ..config.endpoints import beyond_loopback, without_keys_text
 from ..pipeline.encode import wire_bytes
-from .curve_auth import ServerKeys, beyond_loopback, serve
+from .curve_auth import ServerKeys, serve
 
 MOST_RECEIVED_BYTES = 4096
 """Largest message that is received; the sender of a larger one is disconnected."""
@@ -51,10 +52,7 @@ class Publisher:
         self.published = 0
         self._lock: IO[str] | None = None
         if beyond_loopback(stream.address) and keys is None:
-            raise ValueError(
-                f"stream {stream.name}: {stream.address} can be reached from other machines and needs keys: make them "
-                "with `companion keys` and set their directory in [publish] keys"
-            )
+            raise ValueError(without_keys_text(stream.name, stream.address))
         self._lock = _locked(stream)
         self._socket: zmq.Socket[bytes] | None = None
         try:

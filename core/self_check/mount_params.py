@@ -28,5 +28,5 @@ class MountCheckParams:
         check("mount_check", self)
         if self.degraded_deg > self.invalid_deg:
             raise ValueError(
-                f"mount_check: degraded_deg = {self.degraded_deg:g} must not exceed invalid_deg = {self.invalid_deg:g}"
+                f"[mount_check] degraded_deg = {self.degraded_deg:g} must not exceed invalid_deg = {self.invalid_deg:g}"
             )

@@ -81,6 +81,13 @@ def test_simulated_images_have_three_quarters_of_their_width() -> None:
     assert description(section, Source("", info)).intrinsics == info.intrinsics
 
 
+def test_a_greatest_range_below_the_least_depth_of_the_camera_is_named_with_its_remedy() -> None:
+    """The cause was "camera info: range 0.7..0.6 m"."""
+    section = replace(CameraConfig(name="front", kind="oak"), min_range_m=0.1, max_range_m=0.6)
+    with pytest.raises(ValueError, match=r"^max_range_m = 0\.6 is not greater than .*, 0\.7 m; raise it$"):
+        description(section, Source("", replace(INFO, min_range_m=0.7)))
+
+
 def test_the_cause_of_a_loss_is_reported_before_the_camera_is_closed(monkeypatch: pytest.MonkeyPatch) -> None:
     """The library of a lost device may wait for it for ever: the cause was then never reported."""
     reader = FrameReader("front")

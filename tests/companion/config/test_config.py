@@ -134,7 +134,16 @@ def test_a_baud_rate_that_no_port_has_is_a_mistake(baud: str) -> None:
     [
         ({"camera": {"name": "x"}}, "[[camera]] with double brackets"),
         ({"camera": [{"name": "a/b"}]}, 'name = "a/b": not of the expected form (letters, digits, dot'),
-        ({"extractor": 3}, "expected a section [extractor]"),
+        ({"extractor": 3}, "expected a section [extractor] with single brackets"),
+        ({"avoid": [{"rays": 3}]}, "expected a section [avoid] with single brackets"),
+        ({"record": {"file_mb": 100.0, "budget_mb": 50.0}}, "[record] file_mb = 100 must be less than"),
+        ({"mount_check": {"degraded_deg": 4.0}}, "[mount_check] degraded_deg = 4 must not exceed"),
+        (
+            {"camera": [{"name": "x", "kind": "simulated", "follow": "com3"}]},
+            '[[camera]] "x": follow: "com3" is not an address: expected serial:',
+        ),
+        ({"publish": {"prisms": "ipc://{runs}/prisms"}}, "{run} is the only placeholder"),
+        ({"publish": {"prisms": "tcp://127.0.0.1:\u0665"}}, "expected ipc://PATH or tcp://HOST:PORT"),
         ({"camera": [{"name": "x"}, {"name": "x"}]}, "occurs 2 times"),
         ({"camera": [{"name": "x", "min_range_m": 5.0, "max_range_m": 2.0}]}, "must be less than"),
         ({"camera": [{"name": "a b"}]}, "letters, digits"),
@@ -180,6 +189,9 @@ def test_single_mistakes(content: dict[str, object], text: str) -> None:
     [
         (b"[extractor\n", "not valid TOML"),
         (b"\xff\xfe\x00", "save it with the encoding UTF-8"),
+        ("[avoid]\n".encode("utf-16-le"), "save it with the encoding UTF-8"),
+        (b"[avoid]\nsend = True\n", "true and false are in lower case"),
+        (b'[record]\nfolder = "C:\\logs"\n', "use single quotes"),
         (b"#" * 1_000_001, "larger than 1 MB"),
         (b"camera = [1]", r"\[\[camera\]\] number 1: expected \[\[camera\]\]"),
         (b"[sync]\nmax_gap_s = .1\n", "line 2"),
@@ -259,6 +271,9 @@ def test_a_camera_section_changes_only_the_keys_it_has() -> None:
     stated = config_of({"camera": [{"name": "front", "bias_per_m": 0.01}]}, "x")
     assert stated.camera("front").applied_to(recorded) == replace(recorded, bias_per_m=0.01)
     assert stated.camera("front").applied_to(replace(recorded, bias_per_m=0.02)).bias_per_m == 0.01
+    narrow = config_of({"camera": [{"name": "front", "min_range_m": 10}]}, "x").camera("front")
+    with pytest.raises(ValueError, match=r'^\[\[camera\]\] "front": .* set both, min_range_m less than max_range_m'):
+        narrow.applied_to(replace(recorded, max_range_m=8.0))
 
 
 def test_every_key_has_its_meaning_and_bounds() -> None:

@@ -16,8 +16,9 @@ import pytest
 import zmq
 
 from companion.cli import main
+from companion.config.endpoints import beyond_loopback
 from companion.live.health_stream import address_in_use
-from companion.streams.curve_auth import AllowList, beyond_loopback, load_keys, make_keys
+from companion.streams.curve_auth import AllowList, load_keys, make_keys
 from companion.streams.publisher import MOST_RECEIVED_BYTES, Publisher, Stream
 from drivers.base import BadData, DeviceNotFound
 from osape_client.boot import boot_id

@@ -359,7 +359,7 @@ AUTOPILOT = {"address": "udpin:0.0.0.0:14540"}
         ),
         ({"share": {"members": "2, x"}}, "members"),
         ({"share": {"origin": "47, 8"}}, "origin"),
-        ({"share": {"origin": "147, 8, 0"}}, "not a place on Earth"),
+        ({"share": {"origin": "147, 8, 0"}}, "not a place on Earth; expected latitude -90..90"),
         ({"share": {"tunnel": "udp:1"}}, "is not an address"),
         ({"share": {"refresh_s": 90.0}}, "refresh_s"),
         ({"share": {"zenoh_team": "a/b"}}, "zenoh_team"),
