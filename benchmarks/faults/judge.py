@@ -71,14 +71,14 @@ class Judge:
                 agreeing += abs(value / 100.0 - (float(whole_m[sector]) - avoid.radius_m)) < 1.0
                 if judged and value / 100.0 > max(hull_m, avoid.min_distance_m + 0.01) + self._allowed_m(near_m):
                     self._note(loop, f"sector {sector} is {value} cm, a solid is {100 * hull_m:.0f} cm away")
-        self._judge_time(loop, values, clear_cm)
+        self.judge_time(loop, values, clear_cm)
         if agreeing >= AGAIN_SECTORS:
             self.seen_s.append(loop.flown_ns / NS)
 
     def _allowed_m(self, near_m: float) -> float:
         return RANGE_M if math.isfinite(near_m) else math.inf
 
-    def _judge_time(self, loop: FaultLoop, values: list[int], clear_cm: int) -> None:
+    def judge_time(self, loop: FaultLoop, values: list[int], clear_cm: int) -> None:
         """Without new evidence nothing may be clear; an ArduPilot must not be sent unknown where a camera looks."""
         evidence, now_ns = loop.evidence, loop.flown_ns
         since_ns = now_ns - max(evidence.attitude_ns, loop.began_ns)

@@ -93,7 +93,7 @@ def cameras_of(seed: int) -> tuple[CameraInfo, ...]:
 
 class FaultLoop:
     """`fly` runs the flight. on_sent: called with the 72 values of each OBSTACLE_DISTANCE when it leaves the service. service:
-    makes a run of it."""
+    makes a run of it. cameras: others than those of the seed."""
 
     def __init__(
         self,
@@ -104,9 +104,10 @@ class FaultLoop:
         on_sent: Sent,
         avoid: AvoidParams | None = None,
         service: Callable[[Sequence[CameraInfo], AvoidParams], Service] = Service,
+        cameras: tuple[CameraInfo, ...] = (),
     ) -> None:
         self.field, self.kind, self.faults, self.avoid = field, kind, faults, avoid or AvoidParams(send=True)
-        self.cameras = cameras_of(seed)
+        self.cameras = cameras or cameras_of(seed)
         self.flown_ns, self.mono_ns = 0, START_NS
         self.estimate, self.evidence, self.switches = Estimate(), self._no_evidence(), Switches()
         self.began_ns = 0

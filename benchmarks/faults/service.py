@@ -14,15 +14,17 @@ from companion.autopilot.obstacle_output import READS
 from companion.autopilot.obstacle_report import CameraUse, ObstacleReport
 from companion.autopilot.report_builder import ObstacleReportBuilder
 from companion.autopilot.sender import messages_of
+from companion.autopilot.session_factory import params_of
+from companion.autopilot.surroundings import Observer
 from companion.cameras.frozen_frames import FrozenFrameDetector
+from companion.cameras.masks import unmeasured_mask
 from companion.config.avoidance import AvoidParams
-from companion.config.service import ServiceParams, SupervisorParams
+from companion.config.loader import Config
+from companion.config.service import ServiceParams
 from companion.live.event_queue import EventQueue
+from companion.pipeline.configured import make_pipeline
 from companion.pipeline.events import SupersededFrame
-from companion.pipeline.pipeline import Pipeline
 from companion.pipeline.results import PrismsResult
-from core.extractor import Extractor
-from core.params import Params
 from core.types import AttitudeSample, CameraInfo, DepthFrame, PoseSample
 from drivers.mavlink.session import MavlinkSession
 
@@ -37,30 +39,40 @@ class Service:
     """One run, from its start to its end. `frame` gets the frames of the camera; `step` does what is due, and returns the bytes for
     the autopilot."""
 
+    reads = READS
+
     def __init__(
-        self, cameras: Sequence[CameraInfo], avoid: AvoidParams, timeout_s: float = ServiceParams().timeout_s
+        self,
+        cameras: Sequence[CameraInfo],
+        avoid: AvoidParams,
+        timeout_s: float = ServiceParams().timeout_s,
+        config: Config | None = None,
+        observer: Observer | None = None,
     ) -> None:
-        self.avoid = avoid
-        self.session = MavlinkSession(on_message=self._message, reads=READS)
+        """config: of all else; observer: gets the surroundings of each decision."""
+        self.avoid, config = avoid, config or Config()
+        self.session = MavlinkSession(params_of(config), on_message=self.message, reads=self.reads)
         self.values = AutopilotValues(LastValuesFile(None))
         self.report: ObstacleReport | None = None
-        params = Params()
-        self._detectors = {
-            c.camera: FrozenFrameDetector(SupervisorParams().frozen_frames, params.min_measured_share) for c in cameras
-        }
+        params = config.extractor
+        repeated = config.supervision.frozen_frames
+        self._detectors = {c.camera: FrozenFrameDetector(repeated, params.min_measured_share) for c in cameras}
         self._frozen = {c.camera: "" for c in cameras}
         self._queue = EventQueue()
-        self._pipeline = Pipeline((), lambda info: Extractor())
+        self._pipeline = make_pipeline(config)
         seen = CameraUse(
             cameras=tuple(c.camera for c in cameras),
             timeout_s=timeout_s,
             params=params,
             frame_fault=lambda name: self._frozen[name],
+            observer=observer,
+            open_counts=config.open_sky.presumes,
+            reach_m=config.guard.horizon_m if config.guard.enabled else 0.0,
         )
         self._builder = ObstacleReportBuilder(avoid, seen)
         for camera in cameras:
             self._pipeline.announce(camera)
-            self._builder.announce(camera)
+            self._builder.announce(camera, unmeasured_mask(config.camera(camera.camera), camera))
         self._unread: list[tuple[bytes, int]] = []
         self._next_read_ns = self._next_decision_ns = self._next_tick_ns = 0
 
@@ -113,8 +125,13 @@ class Service:
         self._queue.put(list(samples))
         self._builder.samples(list(samples))
 
-    def _message(self, message: Any, arrival_ns: int) -> None:
+    def message(self, message: Any, arrival_ns: int) -> None:
+        """Takes a message of the autopilot, of those in `reads`."""
         self.values.take(message, arrival_ns)
+
+    def result(self, result: PrismsResult) -> None:
+        """Takes the result of a frame."""
+        self._builder.result(result)
 
     def _run_pipeline(self) -> None:
         while taken := self._queue.take(0.0):
@@ -124,7 +141,7 @@ class Service:
                 elif isinstance(item, DepthFrame | AttitudeSample | PoseSample):
                     for output in self._pipeline.handle(item):
                         if isinstance(output, PrismsResult):
-                            self._builder.result(output)
+                            self.result(output)
 
     def _decide(self, now_ns: int) -> None:
         vehicle = self._vehicle(now_ns)
