@@ -48,6 +48,8 @@ TEXTS: dict[tuple[str, str], tuple[str, ...]] = {
 """Texts of each key with free text; those that are not here keep their default, except for addresses of streams."""
 
 
+LEVER_SHARE = 0.05
+"""Of the positions of cameras that are valid: at most 0.5 m from the autopilot."""
 JUDGED_KEYS = {
     "avoid": (
         *(
@@ -148,6 +150,8 @@ def random_flight(rng: np.random.Generator, share: float, wanted: Wanted = any_k
 
     for refused in range(10_000):
         content = random_content(rng, share * rng.random(), for_flight)
+        for camera in content["camera"]:  # on the vehicle, not in the ground or behind the solids
+            camera |= {key: camera[key] * LEVER_SHARE for key in ("x_m", "y_m", "z_m") if key in camera}
         content["autopilot"] = content.get("autopilot", {}) | {"address": "udpin:127.0.0.1:14540"}
         content["avoid"] = content.get("avoid", {}) | {"send": True}
         content["guard"] = content.get("guard", {}) | {"enabled": bool(rng.random() < 0.5)}
