@@ -63,14 +63,16 @@ def outside_text(section: CameraConfig, info: CameraInfo) -> str:
 
 
 def unmeasured_mask(section: CameraConfig, info: CameraInfo) -> Mask | None:
-    """(H, W) pixels that are never measured: masked ones, and columns at the left that stereo matching cannot measure."""
+    """(H, W) pixels that are never measured: masked ones, and columns at the left that stereo matching cannot measure. None: no
+    such pixels, or a mistake that hides the whole image: otherwise no direction would be the camera's, and ArduPilot would receive
+    unknown in its view, which it treats as clear, in place of the artificial wall."""
     mask, columns = configured_mask(section, info), section.unmatched_px
     if mask is None and columns == 0:
         return None
     k = info.intrinsics
     out = np.zeros((k.height, k.width), bool) if mask is None else mask
     out[:, :columns] = True
-    return out
+    return None if out.all() else out
 
 
 def apply_mask(depth_mm: NDArray[np.uint16], mask: Mask | None) -> NDArray[np.uint16]:

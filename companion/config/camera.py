@@ -221,6 +221,11 @@ class CameraConfig:
                 f'[[camera]] "{self.name}": disparities = {self.disparities}, rounded up to a multiple of 16, must be less than '
                 f"width_px = {self.width_px}: in so many columns at the left nothing is matched"
             )
+        if self.kind != RECORDED and (self.unmatched_left_px or 0) >= self.width_px:
+            raise ValueError(
+                f'[[camera]] "{self.name}": unmatched_left_px = {self.unmatched_left_px} must be less than '
+                f"width_px = {self.width_px}: nothing would be measured; lower it"
+            )
         kind = CAMERA_KINDS.get(self.kind)
         missing = [key for key in kind.needs if getattr(self, key) in ("", None)] if kind is not None else []
         if missing:

@@ -21,6 +21,7 @@ from companion.live.run import check_live
 from companion.pipeline.results import PrismsResult
 from core.param_field import is_safety_key
 from core.params import Params
+from drivers.mavlink.session_types import ARDUPILOT
 from osape_client.model import CameraModel
 from osape_client.query.space import Occupancy
 
@@ -54,6 +55,25 @@ def test_a_configuration_never_makes_a_solid_clear(seed: int) -> None:
     flight.fly(1.2)
     assert flight.models > 5
     assert flight.violations() == []
+
+
+@pytest.mark.parametrize("camera", [{"masks": "0,0 5000,5000"}, {"unmatched_left_px": 1024}])
+def test_a_camera_whose_whole_image_is_hidden_by_mistake_keeps_its_view(camera: dict[str, object]) -> None:
+    """No direction was the camera's: ArduPilot was sent unknown all around, which it treats as clear."""
+    content = {
+        "autopilot": {"address": "udpin:127.0.0.1:14540"},
+        "avoid": {"send": True},
+        "camera": [{"name": "front"} | camera],
+    }
+    flight = ConfiguredFlight(config_of(content, "x"), 5, 1.0)
+    flight.fly(1.0)
+    assert flight.kind == ARDUPILOT
+    assert flight.service is not None
+    assert flight.service.report is not None
+    assert flight.service.report.values is not None
+    ahead = flight.service.report.values[[-4, -3, -2, -1, 0, 1, 2, 3, 4]]
+    assert (ahead != 65535).all()
+    assert flight.judge.messages > 5
 
 
 @pytest.fixture(scope="module")

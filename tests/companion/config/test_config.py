@@ -142,6 +142,10 @@ def test_a_baud_rate_that_no_port_has_is_a_mistake(baud: str) -> None:
             {"camera": [{"name": "x", "kind": "simulated", "follow": "com3"}]},
             '[[camera]] "x": follow: "com3" is not an address: expected serial:',
         ),
+        (
+            {"camera": [{"name": "x", "kind": "simulated", "width_px": 320, "unmatched_left_px": 320}]},
+            "unmatched_left_px = 320 must be less than width_px = 320",
+        ),
         ({"publish": {"prisms": "ipc://{runs}/prisms"}}, "{run} is the only placeholder"),
         ({"publish": {"prisms": "tcp://127.0.0.1:\u0665"}}, "expected ipc://PATH or tcp://HOST:PORT"),
         ({"camera": [{"name": "x"}, {"name": "x"}]}, "occurs 2 times"),
