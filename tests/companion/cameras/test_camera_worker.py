@@ -83,7 +83,7 @@ def test_simulated_images_have_three_quarters_of_their_width() -> None:
 
 def test_a_greatest_range_below_the_least_depth_of_the_camera_is_named_with_its_remedy() -> None:
     """The cause was "camera info: range 0.7..0.6 m"."""
-    section = replace(CameraConfig(name="front", kind="oak"), min_range_m=0.1, max_range_m=0.6)
+    section = replace(SECTION, min_range_m=0.1, max_range_m=0.6)
     with pytest.raises(ValueError, match=r"^max_range_m = 0\.6 is not greater than .*, 0\.7 m; raise it$"):
         description(section, Source("", replace(INFO, min_range_m=0.7)))
 
