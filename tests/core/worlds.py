@@ -31,15 +31,16 @@ def seen(
     middle = 0.5 * (edges[1:] + edges[:-1])
     reach = np.full(DIRECTIONS, RANGE_M)
     planes = []
-    hit = np.array([[_ray(at, a, w) for w in walls] for a in middle]).reshape(DIRECTIONS, len(walls))
+    hit = _rays(at, middle, walls)
     for k, wall in enumerate(walls):
         mine = np.isfinite(hit[:, k]) & (hit[:, k] < RANGE_M) & (hit[:, k] <= hit.min(axis=1) + 1e-9)
         for run in _runs(mine):
             ends = [_on(at, edges[run[0]], wall), _on(at, edges[run[-1] + 1], wall)]
             planes.append([*ends[0], *ends[1], wall[4], wall[5]])
-    for d in range(DIRECTIONS):
-        near = min((_least(at, edges[d], edges[d + 1], w) for w in walls), default=math.inf)
-        reach[d] = min(reach[d], max(0.0, near))
+    either_side = np.concatenate([walls, walls[:, [2, 3, 0, 1, 4, 5]]])
+    within = np.linspace(edges[:-1], edges[1:], 9)  # nine rays in each direction
+    nearest = _rays(at, within.ravel(), either_side).min(axis=1, initial=math.inf).reshape(within.shape)
+    reach = np.minimum(reach, nearest.min(axis=0))
     if noise is not None and planes:
         shift = noise.normal(0.0, sigma_m, (len(planes), 2))
         planes = [
@@ -86,16 +87,16 @@ def house(x: float, y: float, side: float = 6.0) -> np.ndarray:
     return np.array([wall(*corner[k], *corner[(k + 1) % 4]) for k in range(4)])
 
 
-def _ray(at: tuple[float, float], azimuth: float, w: np.ndarray) -> float:
-    """Distance along a ray at which it meets the free side of a wall, inf: never."""
-    dx, dy = math.cos(azimuth), math.sin(azimuth)
-    ex, ey = w[2] - w[0], w[3] - w[1]
+def _rays(at: tuple[float, float], azimuth: np.ndarray, walls: np.ndarray) -> np.ndarray:
+    """Distances (rays, walls) along rays at which they meet the free side of walls (N, 6), inf: never."""
+    dx, dy = np.cos(azimuth)[:, None], np.sin(azimuth)[:, None]
+    ex, ey = walls[:, 2] - walls[:, 0], walls[:, 3] - walls[:, 1]
+    fx, fy = walls[:, 0] - at[0], walls[:, 1] - at[1]
     cross = dx * ey - dy * ex
-    if cross <= 1e-12:  # it comes from behind, or runs along
-        return math.inf
-    fx, fy = w[0] - at[0], w[1] - at[1]
-    r, s = (fx * ey - fy * ex) / cross, (fx * dy - fy * dx) / cross
-    return r if r > 0 and 0.0 <= s <= 1.0 else math.inf
+    meets = cross > 1e-12  # otherwise it comes from behind, or runs along
+    divisor = np.where(meets, cross, 1.0)
+    r, s = (fx * ey - fy * ex) / divisor, (fx * dy - fy * dx) / divisor
+    return np.where(meets & (r > 0) & (s >= 0.0) & (s <= 1.0), r, math.inf)
 
 
 def _on(at: tuple[float, float], azimuth: float, w: np.ndarray) -> tuple[float, float]:
@@ -106,15 +107,6 @@ def _on(at: tuple[float, float], azimuth: float, w: np.ndarray) -> tuple[float, 
     s = ((w[0] - at[0]) * dy - (w[1] - at[1]) * dx) / cross if abs(cross) > 1e-9 else 0.0
     s = min(1.0, max(0.0, s))
     return w[0] + s * ex, w[1] + s * ey
-
-
-def _least(at: tuple[float, float], low: float, high: float, w: np.ndarray) -> float:
-    """Least distance of a wall, from either side, within a direction."""
-    found = math.inf
-    for azimuth in np.linspace(low, high, 9):
-        for turned in (w, np.array([w[2], w[3], w[0], w[1], w[4], w[5]])):
-            found = min(found, _ray(at, azimuth, turned))
-    return found
 
 
 def _runs(on: np.ndarray) -> list[np.ndarray]:
