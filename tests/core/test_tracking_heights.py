@@ -77,8 +77,9 @@ def test_what_is_above_or_below_the_image_is_kept_for_the_whole_memory(frames, z
     tracker, last, memory = Tracker(SMALL), frames - 1, round(10 * SMALL.memory_s)
     for k in range(frames):
         tracker.observe(frame([LOW, *behind], k))
+    there = frame(behind, 0, z, pitch_deg)
     for k in range(frames + 10, last + memory + 2):
-        s = tracker.observe(frame(behind, k, z, pitch_deg))
+        s = tracker.observe(dataclasses.replace(there, t_ns=k * STEP))
         assert (distance(s, 4.0, 0.0) < 0.1) is (k - last <= memory), k
 
 

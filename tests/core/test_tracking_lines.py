@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from core.tracking.snapshot import TrackingFrame, TrackSnapshot
 from core.tracking.tracker import Tracker
@@ -58,41 +58,42 @@ def thin(
     return dataclasses.replace(f, model=model)
 
 
-def stops(planes: Floats, azimuth: float, slope: float) -> list[tuple[float, int]]:
-    """(Horizontal range at which the ray with that direction and slope meets a plane, which one), of all that it meets."""
-    c, s = math.cos(azimuth), math.sin(azimuth)
-    found = []
-    for n, (ax, ay, bx, by, top, bottom) in enumerate(planes.tolist()):
-        m = np.array([[c, ax - bx], [s, ay - by]])
-        if abs(np.linalg.det(m)) < 1e-9:
-            continue
-        far, share = np.linalg.solve(m, [ax, ay])
-        if far > 0.0 and -2e-3 <= share <= 1.002 and top - 2e-3 <= far * slope <= bottom + 2e-3:
-            found.append((float(far), n))
-    return found
+def stops(planes: Floats, azimuth: ArrayLike, slope: ArrayLike) -> NDArray[np.float64]:
+    """Horizontal range (rays, planes) at which the ray with that direction and slope meets a plane, inf: it does not."""
+    c, s = np.cos(azimuth).reshape(-1, 1), np.sin(azimuth).reshape(-1, 1)
+    ax, ay, bx, by, top, bottom = planes.astype(np.float64).T
+    ex, ey = bx - ax, by - ay
+    cross = s * ex - c * ey
+    crosses = np.abs(cross) >= 1e-9
+    divisor = np.where(crosses, cross, 1.0)
+    far, share = (ay * ex - ax * ey) / divisor, (c * ay - s * ax) / divisor
+    height = far * np.reshape(slope, (-1, 1))
+    beside = (share < -2e-3) | (share > 1.002) | (height < top - 2e-3) | (height > bottom + 2e-3)
+    return np.where(crosses & (far > 0.0) & ~beside, far, math.inf)
 
 
 def stop_m(planes: Floats, azimuth: float, slope: float) -> float:
     """Where the first plane stops a ray, inf: none does."""
-    return min((far for far, _ in stops(planes, azimuth, slope)), default=math.inf)
+    return float(stops(planes, azimuth, slope).min(initial=math.inf))
 
 
 def assert_all_hidden(f: TrackingFrame, s: TrackSnapshot, *wires: list[float]) -> None:
     """Every ray to one of these wires that a detection of the frame stops is stopped by the tracks, no farther behind than the
     detection's margin, and their margin reaches as near as its own."""
     eye = np.array([*f.camera_m[:2], *f.camera_m[:2], f.camera_m[2], f.camera_m[2]], np.float32)
-    frame_planes, planes, margin_m = f.model.planes - eye, s.planes - eye, float(f.model.margin_m[0])
+    margin_m, share = float(f.model.margin_m[0]), np.repeat(np.linspace(0.005, 0.995, 60), 3)
     for wire in wires:
         ax, ay, bx, by, top, bottom = (np.array(wire) - eye).tolist()
-        for share in np.linspace(0.005, 0.995, 60):
-            x, y = ax + share * (bx - ax), ay + share * (by - ay)
-            for z in (0.75 * top + 0.25 * bottom, 0.5 * (top + bottom), 0.25 * top + 0.75 * bottom):
-                azimuth, slope = math.atan2(y, x), z / math.hypot(x, y)
-                far = stop_m(frame_planes, azimuth, slope)
-                if far < math.inf:
-                    found = stops(planes, azimuth, slope)
-                    assert min((at for at, _ in found), default=math.inf) <= far + margin_m + 0.02, (x, y, z)
-                    assert min(at - float(s.margin_m[n]) for at, n in found) <= far - margin_m + 0.02, (x, y, z)
+        x, y = ax + share * (bx - ax), ay + share * (by - ay)
+        z = np.tile([0.75 * top + 0.25 * bottom, 0.5 * (top + bottom), 0.25 * top + 0.75 * bottom], 60)
+        azimuth, slope = np.arctan2(y, x), z / np.hypot(x, y)
+        far = stops(f.model.planes - eye, azimuth, slope).min(axis=1)
+        at, asked = stops(s.planes - eye, azimuth, slope), far < math.inf
+        shown = np.column_stack([x, y, z])
+        late = asked & (at.min(axis=1, initial=math.inf) > far + margin_m + 0.02)
+        assert not late.any(), shown[late]
+        short = asked & ((at - s.margin_m).min(axis=1, initial=math.inf) > far - margin_m + 0.02)
+        assert not short.any(), shown[short]
 
 
 @pytest.mark.parametrize("seed", [1, pytest.param(2, marks=COMPILED), pytest.param(3, marks=COMPILED)])
