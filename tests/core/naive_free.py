@@ -8,15 +8,13 @@ import numpy as np
 
 
 def free_walk(
-    codes, weight, inside, direction, d, overlaps, z0, z1, ring_m, cv, f, block, share, sees_through, clear_z, in_range, least, blind, too_near, blank
+    codes, sides, weight, inside, direction, d, overlaps, z0, z1, ring_m, cv, f, block, share, sees_through, clear_z, in_range, least, blind, too_near, blank
 ):  # fmt: skip
     """(from, to, end): the first and last distance of one direction and layer that are seen free, 0, 0: none, and the name of its end.
-    weight, inside: what a cell counts and whether it is in the source, like codes. overlaps: (cols,) whether a column lies in the direction at least in part. sees_through: whether codes see through a distance;
+    sides: `holes_of_all_sides` of the codes. weight, inside: what a cell counts and whether it is in the source, like codes. overlaps: (cols,) whether a column lies in the direction at least in part. sees_through: whether codes see through a distance;
     clear_z: z down to which ground hides nothing at a distance; in_range: whether heights z0..z1 at a distance are; least: height of a layer that is judged; blind: distance beyond which ground may hide an obstacle;
     too_near: whether a part of heights z0..z1 at a distance is too near to be measured; blank: least side of a thing without texture."""
     columns, weights, rows = codes[direction == d], weight[direction == d], codes.shape[1]
-    dark = codes == 0
-    sides = [rows_of_holes(with_sides(holes(dark, 4 << k), dark), dark) for k in range(4)]
     over = np.flatnonzero(overlaps)
 
     def rows_at(x, lower):
@@ -111,6 +109,12 @@ def free_walk(
     if first < 0:
         return 0.0, 0.0, "UNKNOWN" if begun else end
     return begin(first), ring_m[last], end
+
+
+def holes_of_all_sides(codes):
+    """Four times (cols, rows), whether a cell belongs to a hole of 4, 8, 16 and 32 unknown cells. codes: (cols, rows)."""
+    dark = codes == 0
+    return [rows_of_holes(with_sides(holes(dark, 4 << k), dark), dark) for k in range(4)]
 
 
 def holes(unknown, side):

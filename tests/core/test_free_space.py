@@ -113,12 +113,13 @@ def test_counting_and_walking_against_every_cell(seed: int) -> None:
     grid = fs.ProfileGrid(edges_t, layers, ring_m, behind)
     start, to, end = fs.walk_view(codes, g._replace(H=to_source), image, grid, w)
     column_t = (np.arange(25) - 12.0) / F
+    sides = naive_free.holes_of_all_sides(codes)
     for d in range(3):
         # the outermost directions take what lies beyond their edges
         overlaps = ((column_t[1:] > edges_t[d]) & (column_t[:-1] < edges_t[d + 1])) | (direction == d)
         for layer in range(3):
             from_m, to_m, why = naive_free.free_walk(
-                codes, weight, inside, direction, d, overlaps, layers[layer], layers[layer + 1], ring_m, 44.5, F, block, 0.8,
+                codes, sides, weight, inside, direction, d, overlaps, layers[layer], layers[layer + 1], ring_m, 44.5, F, block, 0.8,
                 lambda cells, x, zs=layers[layer : layer + 2]: sees_through(cells, x, depth(x, edges_t, zs) / x),
                 lambda x, t=0.5 * (edges_t[d] + edges_t[d + 1]): geometry.lowest_clear(t, x, w),
                 lambda x, z0, z1, ts=edges_t[d : d + 2]: depth(x, ts, [z0, z1]) <= clear_m, 0.1, w.blind_beyond_m,
