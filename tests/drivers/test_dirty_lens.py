@@ -12,9 +12,8 @@ from numpy.typing import NDArray
 
 from core.types import CONTINUED_MM, TEXTURELESS_MM
 from drivers.cameras.stereo import MatchParams, StereoDepth, StereoMatcher
-from drivers.cameras.zed_calibration import parse_zed_calibration
 
-from .zed_images import NEW, pair
+from .zed_images import CALIBRATION, pair
 
 Float = NDArray[Any]
 Y, X = np.mgrid[0:376, 0:672].astype(np.float32)
@@ -54,10 +53,9 @@ def _cover(image: Float) -> Float:
 @pytest.mark.parametrize(("effect", "around"), [(_dirt, 0.6), (_drop, 0.6), (_blur, 0.6), (_fog, 0.0), (_cover, 0.0)])
 def test_what_one_dirty_lens_hides_is_not_measured(effect: Callable[[Float], Float], around: float) -> None:
     """around: least share of the image that is measured nevertheless."""
-    calibration = parse_zed_calibration(NEW, "SN2.conf", 672, 376)
-    left, right = (image.astype(np.float32) for image in pair(calibration, 6.0))
+    left, right = (image.astype(np.float32) for image in pair(CALIBRATION, 6.0))
     noise = np.random.Generator(np.random.PCG64(1))
-    depth_mm = StereoDepth(calibration).depth(_seen(left, noise), _seen(effect(right), noise))
+    depth_mm = StereoDepth(CALIBRATION).depth(_seen(left, noise), _seen(effect(right), noise))
     assert np.mean(depth_mm > 0) >= around
     assert np.mean(depth_mm > 1.2 * 6000) < 0.0001
     assert not depth_mm[175:205, 322:352].any()  # the spot lies 7 px farther right in the left image
@@ -81,11 +79,10 @@ def _half(image: Float) -> Float:
 @pytest.mark.parametrize("effect", [_blur, _drop, _fog, _half, _cover])
 def test_what_one_dirty_lens_hides_is_no_sky(effect: Callable[[Float], Float], dirty: str) -> None:
     """[open_sky] presumes surfaces without texture open. Half of a wall before a blurred left lens counted as such by a tenth."""
-    calibration = parse_zed_calibration(NEW, "SN2.conf", 672, 376)
-    left, right = (image.astype(np.float32) + BRIGHTER_DOWNWARDS for image in pair(calibration, 6.0))
+    left, right = (image.astype(np.float32) + BRIGHTER_DOWNWARDS for image in pair(CALIBRATION, 6.0))
     noise = np.random.Generator(np.random.PCG64(1))
     images = (effect(left), right) if dirty == "left" else (left, effect(right))
-    depth_mm = StereoDepth(calibration, MatchParams(mark_smooth=True)).depth(*(_seen(image, noise) for image in images))
+    depth_mm = StereoDepth(CALIBRATION, MatchParams(mark_smooth=True)).depth(*(_seen(image, noise) for image in images))
     assert _smooth_share(depth_mm) < 0.005
 
 

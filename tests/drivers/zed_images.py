@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+
 import cv2
 import numpy as np
 
@@ -50,11 +52,13 @@ def eye_image(
     return np.clip(texture(hit) + noise, 0, 255).astype(np.uint8).reshape(height, width)
 
 
+@functools.lru_cache(maxsize=8)
 def pair(c: StereoCalibration, z_m: float) -> tuple[np.ndarray, np.ndarray]:
-    """A raw pair of a wall at z_m."""
+    """A raw pair of a wall at z_m, read-only."""
     size = (c.width, c.height)
-    left = eye_image(c.left, size, np.eye(3), np.zeros(3), z_m, 1)
-    return left, eye_image(c.right, size, c.R, c.T, z_m, 2)
+    left, right = eye_image(c.left, size, np.eye(3), np.zeros(3), z_m, 1), eye_image(c.right, size, c.R, c.T, z_m, 2)
+    left.flags.writeable = right.flags.writeable = False
+    return left, right
 
 
 CALIBRATION = parse_zed_calibration(NEW, "SN2.conf", 672, 376)
