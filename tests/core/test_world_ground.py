@@ -251,7 +251,7 @@ def test_what_stands_below_the_ground_or_in_its_noise_is_not_seen_through(ground
     observations = [seen(low, (0.0, 0.0), 0.0, k * STEP) for k in range(3)]
     world = merged(*observations)
     assert len(world.picture(_now(world)).planes) == 1
-    for k in range(30):
+    for k in range(10):
         world.add(look((3 + k) * STEP, ground))
     assert len(world.picture(_now(world)).planes) == int(stays)
 
