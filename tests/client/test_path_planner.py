@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import runpy
 import subprocess
 import sys
 from dataclasses import replace
@@ -42,14 +43,14 @@ OTHERS = [pytest.param(name, marks=pytest.mark.slow) for name in ("rrt", "prm")]
 @pytest.mark.parametrize("planner", ["rrt-connect", *OTHERS])
 def test_through_the_gap_that_is_wide_enough(pp: ModuleType, planner: str) -> None:
     planes = wall_with_gap(2.4)
-    path = pp.plan(room(pp, planes, "allow"), GOAL, BOUNDS, planner=planner, tries=12)
+    path = pp.plan(room(pp, planes, "allow"), GOAL, BOUNDS, planner=planner, tries=6)
     assert path[0] == pytest.approx([0.0, 0.0, 0.0])
     assert path[-1] == pytest.approx(GOAL)
     for a, b in pairwise(path):
         assert min(sampled_distance(np.array(p), a, b) for p in planes) > 0.6
 
 
-@pytest.mark.parametrize("planner", ["rrt", "rrt-connect", "prm"])
+@pytest.mark.parametrize("planner", ["rrt-connect", *OTHERS])
 def test_not_through_the_gap_that_is_too_narrow(pp: ModuleType, planner: str) -> None:
     with pytest.raises(pp.NoPath, match="no path"):
         pp.plan(room(pp, wall_with_gap(1.1), "allow"), GOAL, BOUNDS, planner=planner, tries=2, questions=500)
@@ -70,7 +71,7 @@ def test_no_path_dives_under_a_wall_through_the_ground(pp: ModuleType) -> None:
             with pytest.raises(pp.NoPath, match=r"goal .* is occupied"):
                 pp.plan(mine, [9.0, 0.0, 2.2], bounds)
         else:  # the wall alone does not stop it
-            assert len(pp.plan(mine, [9.0, 0.0, 0.0], bounds, tries=10)) > 2
+            assert len(pp.plan(mine, [9.0, 0.0, 0.0], bounds, tries=3)) > 2
 
 
 def test_unknown_is_avoided_or_has_its_price(pp: ModuleType) -> None:
@@ -114,11 +115,19 @@ def test_the_script_draws_a_path_through_the_window(pp: ModuleType, tmp_path: Pa
     assert (run.returncode, "unknown" in run.stderr) == (1, True), run.stderr
 
 
-@pytest.mark.parametrize("script", ["plan_path.py", "plan_world.py"])
+REMEDIES = {"ompl": "pip install 'ompl>=2.0'", "matplotlib": "pip install 'matplotlib>=3.8'"}
+
+
 @pytest.mark.parametrize(
-    ("library", "remedy"), [("ompl", "pip install 'ompl>=2.0'"), ("matplotlib", "pip install 'matplotlib>=3.8'")]
+    ("script", "library"),
+    [
+        ("plan_path.py", "ompl"),
+        ("plan_world.py", "matplotlib"),
+        pytest.param("plan_path.py", "matplotlib", marks=pytest.mark.slow),
+        pytest.param("plan_world.py", "ompl", marks=pytest.mark.slow),
+    ],
 )
-def test_a_missing_library_is_named_with_its_remedy(script: str, library: str, remedy: str, tmp_path: Path) -> None:
+def test_a_missing_library_is_named_with_its_remedy(script: str, library: str, tmp_path: Path) -> None:
     if library != "ompl":
         pytest.importorskip("ompl", reason="the extra `planner` is not installed")
     (tmp_path / f"{library}.py").write_text(f"raise ModuleNotFoundError(\"No module named '{library}'\")\n")
@@ -132,19 +141,23 @@ def test_a_missing_library_is_named_with_its_remedy(script: str, library: str, r
     )
     assert run.returncode == 1
     assert library in run.stderr
-    assert remedy in run.stderr
+    assert REMEDIES[library] in run.stderr
     assert "Traceback" not in run.stderr
 
 
-def test_a_log_that_does_not_exist_is_named(pp: ModuleType, tmp_path: Path) -> None:
-    for script in ("plan_path.py", "plan_world.py"):
-        command = [sys.executable, ROOT / "examples" / script, tmp_path / "none.mcap"]
-        run = subprocess.run(command, capture_output=True, text=True, timeout=300, check=False)
-        assert (run.returncode, "Traceback" in run.stderr) == (1, False), run.stderr
-        assert "none.mcap" in run.stderr
+@pytest.mark.parametrize("script", ["plan_path.py", "plan_world.py"])
+def test_a_log_that_does_not_exist_is_named(
+    pp: ModuleType, script: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(sys, "argv", [script, str(tmp_path / "none.mcap")])
+    monkeypatch.syspath_prepend(ROOT / "examples")
+    with pytest.raises(SystemExit) as end:
+        runpy.run_path(str(ROOT / "examples" / script), run_name="__main__")
+    assert end.value.code == 1
+    assert "none.mcap" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("planner", ["rrt", "rrt-connect"])
+@pytest.mark.parametrize("planner", ["rrt-connect", pytest.param("rrt", marks=pytest.mark.slow)])
 def test_the_same_seed_gives_the_same_path_whatever_ran_before(pp: ModuleType, planner: str) -> None:
     mine = room(pp, wall_with_gap(2.4), "allow")
     first, other, again = (pp.plan(mine, GOAL, BOUNDS, planner=planner, tries=2, seed=seed) for seed in (3, 4, 3))
