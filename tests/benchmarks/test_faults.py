@@ -51,7 +51,7 @@ def test_random_faults_are_never_sent_as_clear(seed: int) -> None:
     assert judge.clear > 100
 
 
-@pytest.mark.parametrize("delay_s", [0.3, 0.7, 2.5, 9.0])
+@pytest.mark.parametrize("delay_s", [0.3, 0.7, 2.5, pytest.param(9.0, marks=pytest.mark.slow)])
 def test_a_line_that_is_late_from_the_start_is_never_sent_as_clear(delay_s: float) -> None:
     """Answers to TIMESYNC after more than 0.5 s were not used, and attitudes of 0.7 s before counted as 30 ms old; also those of
     2.5 s before, until the first answer came."""

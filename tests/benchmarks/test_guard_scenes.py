@@ -19,7 +19,7 @@ from drivers.simulation.scenes import SceneBuilder
 HULL_M = 0.3
 
 
-@pytest.mark.parametrize("first", [0, 50])
+@pytest.mark.parametrize("first", [0, pytest.param(50, marks=pytest.mark.slow)])
 def test_blocked_missions_have_an_obstacle_in_the_way_that_is_flown(first: int) -> None:
     """Of 127 of the numbers 0 to 199 that counted as blocked, 3 fly velocity setpoints along the first leg only, and their obstacle
     stands at the second."""

@@ -47,7 +47,11 @@ def test_a_sign_fault_of_the_mount_is_named_with_its_size() -> None:
     assert frames[-1].error_deg == pytest.approx((0.0, -10.0), abs=0.5)
 
 
-@pytest.mark.parametrize("errors", [Errors(pitch_deg=-1.5), Errors(roll_deg=2.0), Errors(pitch_deg=3.0)], ids=str)
+@pytest.mark.parametrize(
+    "errors",
+    [Errors(pitch_deg=-1.5), Errors(roll_deg=2.0), pytest.param(Errors(pitch_deg=3.0), marks=pytest.mark.slow)],
+    ids=str,
+)
 def test_small_errors_are_named_in_ten_seconds_of_turning_flight(errors: Errors) -> None:
     position, yaw = camera_pose("trees", 1, HEIGHT_M)
     flight = MountFlight(make_scene("trees", 1), errors, width=WIDTH, seed=1)
@@ -56,7 +60,10 @@ def test_small_errors_are_named_in_ten_seconds_of_turning_flight(errors: Errors)
     assert frames[-1].error_deg == pytest.approx((-errors.roll_deg, -errors.pitch_deg), abs=0.5)
 
 
-@pytest.mark.parametrize("scene", ["street", "trees", "gable", "ramp", "cylinder_trapezoid_sphere", "gorge"])
+OTHERS = [pytest.param(name, marks=pytest.mark.slow) for name in ("gable", "cylinder_trapezoid_sphere", "gorge")]
+
+
+@pytest.mark.parametrize("scene", ["street", "trees", "ramp", *OTHERS])
 def test_the_right_mount_is_left_alone(scene: str) -> None:
     position, yaw = camera_pose(scene, 1, HEIGHT_M)
     for poses in (hover(position, yaw, 8), turning(position, yaw, seconds=8.0, hz=3.0)):
@@ -65,7 +72,7 @@ def test_the_right_mount_is_left_alone(scene: str) -> None:
         assert not [f for f in frames if f.verdict.invalid or f.verdict in REPORTED]
 
 
-@pytest.mark.parametrize("slope_deg", [-10.0, 5.0, 10.0])
+@pytest.mark.parametrize("slope_deg", [-10.0, 10.0, pytest.param(5.0, marks=pytest.mark.slow)])
 def test_true_slopes_are_no_mount_errors(slope_deg: float) -> None:
     """With houses never; in the open frames may be invalid until the vehicle has turned."""
     rise = math.tan(math.radians(slope_deg))
