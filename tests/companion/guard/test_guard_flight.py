@@ -23,7 +23,8 @@ from drivers.simulation.source import camera_info
 WIDTH = 160
 GUARD = GuardParams(enabled=True)
 COARSE = AvoidParams(rays=2, slices=6, step_m=0.5)
-"""Fewer places to look at: two thirds of the time. `test_stops_before_a_wall` and the corners are flown with the default."""
+"""Fewer places to look at: two thirds of the time. The first two flights of `test_stops_before_a_wall` and the corners are flown
+with the default."""
 OFF = GuardParams(enabled=True, mission=False, guided=False, return_home=False)
 
 
@@ -56,10 +57,11 @@ def flown(autopilot: str, guard: GuardParams = GUARD, avoid: AvoidParams | None 
 
 
 @pytest.mark.parametrize(
-    ("autopilot", "guided"), [("PX4", False), ("ArduPilot", False), ("PX4", True), ("ArduPilot", True)]
+    ("autopilot", "guided", "avoid"),
+    [("PX4", False, None), ("ArduPilot", True, None), ("ArduPilot", False, COARSE), ("PX4", True, COARSE)],
 )
-def test_stops_before_a_wall(autopilot: str, guided: bool) -> None:
-    f = flown(autopilot, avoid=None, guided=guided)
+def test_stops_before_a_wall(autopilot: str, guided: bool, avoid: AvoidParams | None) -> None:
+    f = flown(autopilot, avoid=avoid, guided=guided)
     assert f.stops == 1
     assert f.false_stops == 0
     assert 0.5 < f.clearance_m < 4.0
@@ -70,9 +72,9 @@ def test_stops_before_a_wall(autopilot: str, guided: bool) -> None:
     ("autopilot", "at_m"),
     [
         ("PX4", 3.5),
-        ("PX4", 4.5),
+        pytest.param("PX4", 4.5, marks=pytest.mark.slow),
         ("PX4", 5.5),
-        ("PX4", 6.5),
+        pytest.param("PX4", 6.5, marks=pytest.mark.slow),
         ("ArduPilot", 3.5),
         pytest.param("ArduPilot", 4.5, marks=pytest.mark.slow),
         ("ArduPilot", 5.5),
