@@ -301,7 +301,8 @@ def test_no_pattern_of_unknown_cells_escapes_the_sampling(across: int, down: int
         assert (profile(codes, g).free_to_m[:-1] == 0).all()
 
 
-@pytest.mark.parametrize("column", [compiled(0), 80, compiled(84), compiled(159)])
+@pytest.mark.compiled  # the rule: test_counting_and_walking_against_every_cell
+@pytest.mark.parametrize("column", [0, 80, 84, 159])
 def test_a_column_without_a_measurement_is_not_free(column: int) -> None:
     """One unknown column of a direction: a pole or the end of a wall may be in it."""
     g = view(rows=120, cols=160)

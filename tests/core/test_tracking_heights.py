@@ -93,7 +93,7 @@ def test_the_same_without_a_position(pitch_deg):
         assert (distance(s, 4.0, 0.0) < 0.1) is (k - 4 <= memory), k
 
 
-@pytest.mark.parametrize("sign", [-1.0, 1.0], ids=["above", "below"])
+@pytest.mark.parametrize("sign", [-1.0, pytest.param(1.0, marks=COMPILED)], ids=["above", "below"])
 def test_the_part_of_an_obstacle_that_has_left_the_view_is_not_removed_with_the_rest(sign):
     """Most of it is seen through, but a third lies beyond the border of the image, where nothing proves it free."""
     low, high = sorted((sign * 3.2, sign * -0.3))
