@@ -15,7 +15,7 @@ from collections import Counter
 from drivers.mavlink.session_types import ARDUPILOT, PX4
 
 from .flight import fly_faults
-from .switches import KINDS
+from .kinds import KINDS
 
 
 def main() -> int:

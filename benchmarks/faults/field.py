@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.simulation.flight_path import FlightPath, VehicleState
+from drivers.simulation.movers import moved
 from drivers.simulation.scenes import Scene, SceneBuilder
 
 SECTORS = 72
@@ -29,18 +30,40 @@ Points = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Mover:
+    """A pole that crosses the field again and again. outline_m: (N, 2) points at the beginning of each period."""
+
+    outline_m: Points
+    velocity_m_s: tuple[float, float]
+    period_s: float
+
+    def outline_at(self, t_s: float) -> Points:
+        """The points at an instant of the flight."""
+        return self.outline_m + np.array(self.velocity_m_s) * (t_s % self.period_s)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Field:
     """scene: to be rendered; outline_m: (N, 2) points north and east on the sides of its solids, all of which reach over the
-    height band of the vehicle; path: of the vehicle."""
+    height band of the vehicle; path: of the vehicle; mover: beside them; None: nothing moves."""
 
     scene: Scene
     outline_m: Points
     path: FlightPath
+    mover: Mover | None = None
 
-    def nearest_m(self, state: VehicleState, half_deg: float) -> NDArray[np.float64]:
+    def scene_at(self, t_s: float) -> Scene:
+        """The scene at an instant of the flight."""
+        return self.scene if self.mover is None else moved(self.scene, t_s % self.mover.period_s)
+
+    def outline_at(self, t_s: float) -> Points:
+        """The points at an instant of the flight."""
+        return self.outline_m if self.mover is None else np.concatenate([self.outline_m, self.mover.outline_at(t_s)])
+
+    def nearest_m(self, state: VehicleState, half_deg: float, t_s: float) -> NDArray[np.float64]:
         """Returns the true distance, (72,), from the middle of the vehicle to the nearest point within `half_deg` of the middle of
         each sector; inf: none."""
-        north, east = (self.outline_m - np.array(state.position_ned_m[:2])).T
+        north, east = (self.outline_at(t_s) - np.array(state.position_ned_m[:2])).T
         bearing_deg = np.degrees(np.arctan2(east, north) - state.euler_rad[2])
         sector = np.round(bearing_deg / STEP_DEG)
         inside = np.abs(bearing_deg - STEP_DEG * sector) <= half_deg
@@ -57,7 +80,22 @@ def random_field(seed: int, duration_s: float) -> Field:
     outlines = [_solid(builder, rng) for _ in range(int(rng.integers(2, 8)))]
     ring_m = float(rng.uniform(14.5, 16.5))
     outlines += [_wall(builder, ring_m, math.tau * i / RING) for i in range(RING)]
-    return Field(builder.build(), np.concatenate(outlines), _path(rng, duration_s))
+    mover = _mover(builder, np.random.default_rng([8, seed]), ring_m) if seed % 4 in (1, 2) else None
+    return Field(builder.build(), np.concatenate(outlines), _path(rng, duration_s), mover)
+
+
+def _mover(builder: SceneBuilder, rng: np.random.Generator, ring_m: float) -> Mover:
+    """Adds a pole that leaves the ring, passes the middle and enters the ring again."""
+    heading, speed_m_s, radius_m = rng.uniform(-math.pi, math.pi), rng.uniform(0.8, 1.5), rng.uniform(0.25, 0.5)
+    aside_m = rng.uniform(ROAM_M + 1.2, 8.0) * rng.choice([-1.0, 1.0])
+    c, s = math.cos(heading), math.sin(heading)
+    x, y = -ring_m * c - aside_m * s, -ring_m * s + aside_m * c
+    builder.velocity_m_s = (speed_m_s * c, speed_m_s * s, 0.0)
+    builder.pole("mover", x, y, 2.0 * radius_m, 5.0)
+    builder.velocity_m_s = (0.0, 0.0, 0.0)
+    angle = np.arange(0.0, math.tau, POINT_M / radius_m)
+    outline_m = np.column_stack([x + radius_m * np.cos(angle), y + radius_m * np.sin(angle)])
+    return Mover(outline_m, (speed_m_s * c, speed_m_s * s), 2.0 * ring_m / speed_m_s)
 
 
 def _wall(builder: SceneBuilder, ring_m: float, bearing: float) -> Points:

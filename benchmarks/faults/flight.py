@@ -6,8 +6,9 @@ from companion.config.avoidance import AvoidParams
 
 from .field import random_field
 from .judge import Judge
+from .kinds import KINDS, random_faults
 from .loop import FaultLoop
-from .switches import KINDS, NS, random_faults
+from .switches import NS
 
 FIRST_FAULT_S = 6.0
 

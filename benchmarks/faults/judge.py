@@ -18,6 +18,10 @@ from .switches import NS, Fault
 UNKNOWN = 65535
 RANGE_M = 0.75
 """Error of a distance at the farthest range: noise of 0.0015 (0.2 m at 12 m), a ring of the free profile of 0.5 m."""
+KE_PER_M = 0.0015
+"""Noise of the camera without a fault."""
+ARRIVED_S = 0.5
+"""What has moved into a sector is reported at the latest after this time: two frames of which one may be lost, and the link."""
 INSIDE_DEG = 1.5
 """A solid in the outermost degree of a sector, a fifth of its width, may be missed (docs/reference/limits.md)."""
 BLIND_NS = 400_000_000
@@ -49,14 +53,19 @@ class Judge:
     clear: int = 0
     violations: list[Violation] = field(default_factory=list)
     seen_s: list[float] = field(default_factory=list)
+    _noisy_ns: int = -NS
+    _noise: float = 1.0
 
     def sent(self, loop: FaultLoop, values: list[int]) -> None:
         """Judges one message at the moment of sending."""
         self.messages += 1
         avoid, state = loop.avoid, loop.truth()
         clear_cm = round(100 * avoid.max_distance_m) + 1
-        inner_m = loop.field.nearest_m(state, INSIDE_DEG)
-        whole_m = loop.field.nearest_m(state, 0.5 * STEP_DEG)
+        t_s = loop.flown_ns / NS
+        inner_m = loop.field.nearest_m(state, INSIDE_DEG, t_s)
+        if loop.field.mover is not None:  # what has just arrived in a sector may not be reported yet
+            inner_m = np.maximum(inner_m, loop.field.nearest_m(state, INSIDE_DEG, t_s - ARRIVED_S))
+        whole_m = loop.field.nearest_m(state, 0.5 * STEP_DEG, t_s)
         agreeing = 0
         for sector, value in enumerate(values):
             near_m = float(inner_m[sector])
@@ -64,19 +73,25 @@ class Judge:
             if value == clear_cm:
                 self.clear += 1
                 agreeing += 1
-                if judged and near_m < avoid.max_distance_m - RANGE_M:
+                if judged and near_m < avoid.max_distance_m - self._allowed_m(loop, near_m):
                     self._note(loop, f"sector {sector} is clear, a solid is {near_m:.2f} m away")
             elif value < clear_cm:
                 hull_m = near_m - avoid.radius_m
                 agreeing += abs(value / 100.0 - (float(whole_m[sector]) - avoid.radius_m)) < 1.0
-                if judged and value / 100.0 > max(hull_m, avoid.min_distance_m + 0.01) + self._allowed_m(near_m):
+                if judged and value / 100.0 > max(hull_m, avoid.min_distance_m + 0.01) + self._allowed_m(loop, near_m):
                     self._note(loop, f"sector {sector} is {value} cm, a solid is {100 * hull_m:.0f} cm away")
         self.judge_time(loop, values, clear_cm)
         if agreeing >= AGAIN_SECTORS:
             self.seen_s.append(loop.flown_ns / NS)
 
-    def _allowed_m(self, near_m: float) -> float:
-        return RANGE_M if math.isfinite(near_m) else math.inf
+    def _allowed_m(self, loop: FaultLoop, near_m: float) -> float:
+        """Returns the allowed error of a distance: with more noise three more of the deviations that are added."""
+        if not math.isfinite(near_m):
+            return math.inf
+        factor = max(s.noise_factor for s in loop.camera_switches)
+        self._noisy_ns, self._noise = (loop.flown_ns, factor) if factor > 1.0 else (self._noisy_ns, self._noise)
+        more = self._noise - 1.0 if loop.flown_ns - self._noisy_ns < NS else 0.0
+        return RANGE_M + 3.0 * more * KE_PER_M * near_m**2
 
     def judge_time(self, loop: FaultLoop, values: list[int], clear_cm: int) -> None:
         """Without new evidence nothing may be clear; an ArduPilot must not be sent unknown where a camera looks."""
@@ -100,7 +115,7 @@ class Judge:
                 self._note(loop, f"sector {sector} is unknown, which it treats as clear, where a camera looks")
         since_ns = now_ns - max(evidence.left_ns[0], loop.began_ns)
         left = [values[s] for s in (-6, -5, -4)]
-        if since_ns > BLIND_NS + NS // 4 and clear_cm in left and loop.switches.covered >= 0.3:
+        if since_ns > BLIND_NS + NS // 4 and clear_cm in left and loop.camera_switches[0].covered >= 0.3:
             self._note(loop, f"the covered side is clear after {since_ns / NS:.2f} s")
 
     def _note(self, loop: FaultLoop, what: str) -> None:

@@ -50,7 +50,8 @@ class Service:
         observer: Observer | None = None,
     ) -> None:
         """config: of all else; observer: gets the surroundings of each decision."""
-        self.avoid, config = avoid, config or Config()
+        self.avoid, self.config = avoid, config or Config()
+        config = self.config
         self.session = MavlinkSession(params_of(config), on_message=self.message, reads=self.reads)
         self.values = AutopilotValues(LastValuesFile(None))
         self.report: ObstacleReport | None = None
@@ -73,8 +74,16 @@ class Service:
         for camera in cameras:
             self._pipeline.announce(camera)
             self._builder.announce(camera, unmeasured_mask(config.camera(camera.camera), camera))
+        self.pipeline_ns = 0
+        self._results: list[PrismsResult] = []
+        self._busy_until_ns = 0
         self._unread: list[tuple[bytes, int]] = []
         self._next_read_ns = self._next_decision_ns = self._next_tick_ns = 0
+
+    def opened(self, camera: CameraInfo) -> None:
+        """A camera was opened again."""
+        self._queue.put([camera])
+        self._builder.announce(camera, unmeasured_mask(self.config.camera(camera.camera), camera))
 
     def receive(self, data: bytes, now_ns: int) -> None:
         """Adds bytes of the line, which are read with the next `step` or frame."""
@@ -97,7 +106,7 @@ class Service:
             self._next_read_ns = now_ns + (PAUSE_NS if self.session.can_defer_read(now_ns) else READ_NS)
             out += self._read(now_ns)
         if pipeline:
-            self._run_pipeline()
+            self._run_pipeline(now_ns)
         if now_ns >= self._next_tick_ns:
             self._next_tick_ns = now_ns + TICK_NS
             vehicle = self._vehicle(now_ns)
@@ -133,15 +142,26 @@ class Service:
         """Takes the result of a frame."""
         self._builder.result(result)
 
-    def _run_pipeline(self) -> None:
-        while taken := self._queue.take(0.0):
+    def _run_pipeline(self, now_ns: int) -> None:
+        """Handles what waits, up to a frame that takes time. Its result is given out at the end of this time."""
+        while now_ns >= self._busy_until_ns:
+            for result in self._results:
+                self.result(result)
+            self._results.clear()
+            taken = self._queue.take(0.0)
+            if not taken:
+                return
+            for item in taken:
+                if isinstance(item, CameraInfo):
+                    self._pipeline.announce(item)
             for item in taken:
                 if isinstance(item, SupersededFrame):
                     self._pipeline.superseded(item)
                 elif isinstance(item, DepthFrame | AttitudeSample | PoseSample):
-                    for output in self._pipeline.handle(item):
-                        if isinstance(output, PrismsResult):
-                            self.result(output)
+                    outputs = self._pipeline.handle(item)
+                    self._results += [output for output in outputs if isinstance(output, PrismsResult)]
+            if self._results:
+                self._busy_until_ns = now_ns + self.pipeline_ns
 
     def _decide(self, now_ns: int) -> None:
         vehicle = self._vehicle(now_ns)

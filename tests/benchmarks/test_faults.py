@@ -10,9 +10,10 @@ import pytest
 from benchmarks.faults.field import random_field
 from benchmarks.faults.flight import fly_faults
 from benchmarks.faults.judge import Judge
+from benchmarks.faults.kinds import KINDS, random_faults
 from benchmarks.faults.loop import FaultLoop
 from benchmarks.faults.service import Service
-from benchmarks.faults.switches import KINDS, MS, NS, Fault, random_faults, switches_at
+from benchmarks.faults.switches import MS, NS, Fault, switches_at
 from companion.config.avoidance import AvoidParams
 from drivers.simulation.autopilot import ARDUPILOT, PX4
 
@@ -102,7 +103,7 @@ def test_the_judge_notices_a_service_that_does_not_recover() -> None:
 def test_the_judge_notices_a_solid_in_a_clear_sector_and_one_nearer_than_sent(value: int) -> None:
     loop = FaultLoop(random_field(10, 20.0), PX4, 10, [], lambda loop, values: None, AVOID)
     loop.flown_ns = NS
-    nearest_m = loop.field.nearest_m(loop.truth(), 1.5)
+    nearest_m = loop.field.nearest_m(loop.truth(), 1.5, 1.0)
     wrong = [s for s in range(-5, 6) if nearest_m[s] < 10.0]
     assert wrong
     judge = Judge([], PX4)
