@@ -50,6 +50,9 @@ class ConfiguredJudge(Judge):
         else:
             Judge.judge_time(self, loop, [0 if v == UNKNOWN else v for v in values], clear_cm)
 
+    def judge_path(self, loop: FaultLoop) -> None:
+        """Nothing: `path` judges the guard of the flight."""
+
     def path(self, loop: FaultLoop, sight: PathSight) -> None:
         """Judges how far a path is called free: no solid may stand in the middle of it."""
         self.paths += 1

@@ -20,6 +20,7 @@ def fly_faults(
     faults = random_faults(seed, FIRST_FAULT_S, seconds - 1.0, names)
     judge = Judge(faults, kind)
     loop = FaultLoop(random_field(seed, seconds + 60.0), kind, seed, faults, judge.sent, avoid)
+    loop.on_published = judge.published
     while loop.flown_ns < seconds * NS:
         loop.step()
     judge.judge_recovery(seconds)

@@ -5,14 +5,18 @@ It uses no part of the obstacle output but the meaning of its values (docs/refer
 from __future__ import annotations
 
 import math
+from collections import Counter
 from dataclasses import dataclass, field
 
 import numpy as np
 
+from companion.pipeline.results import PrismsResult
 from drivers.mavlink.session_types import ARDUPILOT
 
 from .field import STEP_DEG
 from .loop import FaultLoop
+from .path import true_room_m
+from .planner import TIMEOUT_NS, camera_place_m, hidden_points, in_estimate, in_level, taken_for_free
 from .switches import NS, Fault
 
 UNKNOWN = 65535
@@ -24,6 +28,8 @@ ARRIVED_S = 0.5
 """What has moved into a sector is reported at the latest after this time: two frames of which one may be lost, and the link."""
 INSIDE_DEG = 1.5
 """A solid in the outermost degree of a sector, a fifth of its width, may be missed (docs/reference/limits.md)."""
+JUMP_NS = 250_000_000
+"""A position is carried forward for 0.2 s: a frame may be in the estimate of before a jump for so long."""
 BLIND_NS = 400_000_000
 """Blind values are sent at the latest after this time."""
 EVIDENT_FROM_S = 4.0
@@ -44,13 +50,19 @@ class Violation:
 
 @dataclass(slots=True)
 class Judge:
-    """`sent` gets each message. messages: number of messages; clear: number of clear sectors; seen_s: instants at which
+    """`sent` gets each message. messages: number of messages; clear: number of clear sectors; quiet: messages at times without a fault; refused: number of them
+    at which a camera was blind, by cause; paths: decisions by which the guard takes a
+    path for free; planner: valid messages for a planner; seen_s: instants at which
     AGAIN_SECTORS sectors or more were clear or at a true obstacle."""
 
     faults: list[Fault]
     kind: str
     messages: int = 0
     clear: int = 0
+    quiet: int = 0
+    refused: Counter[str] = field(default_factory=Counter)
+    paths: int = 0
+    planner: int = 0
     violations: list[Violation] = field(default_factory=list)
     seen_s: list[float] = field(default_factory=list)
     _noisy_ns: int = -NS
@@ -81,6 +93,8 @@ class Judge:
                 if judged and value / 100.0 > max(hull_m, avoid.min_distance_m + 0.01) + self._allowed_m(loop, near_m):
                     self._note(loop, f"sector {sector} is {value} cm, a solid is {100 * hull_m:.0f} cm away")
         self.judge_time(loop, values, clear_cm)
+        self.judge_path(loop)
+        self._count_refusals(loop)
         if agreeing >= AGAIN_SECTORS:
             self.seen_s.append(loop.flown_ns / NS)
 
@@ -92,6 +106,55 @@ class Judge:
         self._noisy_ns, self._noise = (loop.flown_ns, factor) if factor > 1.0 else (self._noisy_ns, self._noise)
         more = self._noise - 1.0 if loop.flown_ns - self._noisy_ns < NS else 0.0
         return RANGE_M + 3.0 * more * KE_PER_M * near_m**2
+
+    def _count_refusals(self, loop: FaultLoop) -> None:
+        """Counts the messages at which a camera is blind without a fault, in force or recovering."""
+        t_s = loop.flown_ns / NS
+        around = (f for f in self.faults if f.begin_ns / NS <= t_s <= f.end_ns / NS + f.recovery_s + 1.0)
+        report = None if loop.service is None else loop.service.report
+        if report is None or t_s < EVIDENT_FROM_S or any(around):
+            return
+        self.quiet += 1
+        self.refused.update(set(report.blind.values()))
+
+    def judge_path(self, loop: FaultLoop) -> None:
+        """The guard must not take a path for free beyond a solid."""
+        claim = None if loop.service is None else loop.service.path.claim
+        if claim is None:
+            return
+        self.paths += claim.room_m > 0.0
+        t_s, state = loop.flown_ns / NS, loop.truth()
+        room_m = true_room_m(loop.field.outline_at(t_s), state, claim.angle_rad)
+        if loop.field.mover is not None:
+            room_m = max(room_m, true_room_m(loop.field.outline_at(t_s - ARRIVED_S), state, claim.angle_rad))
+        if claim.room_m > room_m + self._allowed_m(loop, room_m):
+            self._note(loop, f"the path is free for {claim.room_m:.2f} m to the guard, a solid is {room_m:.2f} m away")
+
+    def published(self, loop: FaultLoop, result: PrismsResult) -> None:
+        """Judges the message of a frame at the moment of publication."""
+        age_ns = loop.mono_ns - result.t_exposure_ns
+        if not result.valid or age_ns > TIMEOUT_NS:
+            return
+        exposed_ns = loop.flown_ns - age_ns
+        state = loop.field.path.at(exposed_ns / NS)
+        mount = next(c.mount for c in loop.cameras if c.camera == result.camera)
+        points_m, surface_m = hidden_points(
+            loop.field.outline_at(exposed_ns / NS), camera_place_m(state, mount), RANGE_M
+        )
+        self.planner += 1
+        frames = [in_level(points_m, state)]
+        if result.frame == "ned":
+            until_ns = [e.since_ns for e in loop.estimates[1:]] + [loop.flown_ns + 1]
+            recent = [e for e, end_ns in zip(loop.estimates, until_ns, strict=True) if end_ns > exposed_ns - JUMP_NS]
+            frames = [in_estimate(points_m, e.heading_rad, e.shift_m) for e in recent]
+        limit_m = np.array([self._allowed_m(loop, float(m)) for m in surface_m])
+        wrong = np.logical_and.reduce([taken_for_free(result, points) for points in frames]) & (limit_m <= RANGE_M)
+        if wrong.any():
+            self._note(
+                loop,
+                f"{np.count_nonzero(wrong)} points in {result.frame} behind surfaces at {surface_m[wrong].min():.2f} m "
+                f"are free to a planner, by camera {result.camera}, {age_ns / NS:.2f} s after its exposure",
+            )
 
     def judge_time(self, loop: FaultLoop, values: list[int], clear_cm: int) -> None:
         """Without new evidence nothing may be clear; an ArduPilot must not be sent unknown where a camera looks."""

@@ -92,8 +92,10 @@ def random_faults(seed: int, begin_s: float, end_s: float, names: tuple[str, ...
     """The faults of a seed, always the same, one after the other: some overlap, most leave time to recover."""
     rng = np.random.default_rng([5, seed])
     faults: list[Fault] = []
-    t_s = begin_s
+    t_s = begin_s if names else end_s
     while True:
+        if t_s >= end_s:
+            return faults
         name = names[int(rng.integers(len(names)))]
         changes, event, recovery_s = KINDS[name](rng)
         camera = int(rng.integers(-1, 2)) if name.startswith("camera") else -1

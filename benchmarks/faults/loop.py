@@ -8,11 +8,13 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from companion.config.avoidance import AvoidParams
+from companion.pipeline.results import PrismsResult
 from core.types import CameraInfo, DepthFrame
 from drivers.mavlink.parser import MessageSplitter
 from drivers.mavlink.session_types import ARDUPILOT
@@ -38,15 +40,17 @@ SECOND_BOOT_NS = 700 * NS
 """The second autopilot was started this long before it appears on the line."""
 
 Sent = Callable[["FaultLoop", list[int]], None]
+Published = Callable[["FaultLoop", PrismsResult], None]
 
 
-@dataclass(slots=True)
+@dataclass(frozen=True, slots=True)
 class Estimate:
-    """How the estimate of the autopilot differs from the truth. tilt_rad: roll and pitch."""
+    """How the estimate of the autopilot differs from the truth. tilt_rad: roll and pitch; since_ns: of the flight."""
 
     heading_rad: float = 0.0
     tilt_rad: tuple[float, float] = (0.0, 0.0)
     shift_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    since_ns: int = 0
 
 
 @dataclass(slots=True)
@@ -78,10 +82,12 @@ class FaultLoop:
         service: Callable[[Sequence[CameraInfo], AvoidParams], Service] = Service,
         cameras: tuple[CameraInfo, ...] = (),
     ) -> None:
+        self.on_published: Published = lambda loop, result: None
         self.field, self.kind, self.faults, self.avoid = field, kind, faults, avoid or AvoidParams(send=True)
         self.cameras = list(cameras or cameras_of(seed))
         self.flown_ns, self.mono_ns = 0, START_NS
-        self.estimate, self.evidence, self.switches = Estimate(), self._no_evidence(), Switches()
+        self.estimates = [Estimate()]
+        self.evidence, self.switches = self._no_evidence(), Switches()
         self.began_ns = 0
         self.camera_switches = [Switches()] * len(self.cameras)
         self._sources = [ImageSource(number, seed) for number in range(len(self.cameras))]
@@ -113,19 +119,28 @@ class FaultLoop:
 
     def reset_heading(self) -> None:
         """The estimate of the heading jumps."""
-        self.estimate.heading_rad += float(self._rng.choice([-1.0, 1.0]) * self._rng.uniform(0.05, 3.0))
+        step_rad = float(self._rng.choice([-1.0, 1.0]) * self._rng.uniform(0.05, 3.0))
+        self._estimates(heading_rad=self.estimate.heading_rad + step_rad)
 
     def reset_position(self) -> None:
         """The estimate of the position jumps."""
         x, y, z = np.add(self.estimate.shift_m, self._rng.uniform(-8.0, 8.0, 3)).tolist()
-        self.estimate.shift_m = (x, y, z)
+        self._estimates(shift_m=(x, y, z))
 
     def change_estimator(self) -> None:
         """Another estimator is used: attitude and position jump."""
         self.reset_heading()
         self.reset_position()
         roll, pitch = self._rng.uniform(-0.02, 0.02, 2).tolist()
-        self.estimate.tilt_rad = (roll, pitch)
+        self._estimates(tilt_rad=(roll, pitch))
+
+    def _estimates(self, **changes: Any) -> None:
+        self.estimates.append(replace(self.estimate, since_ns=self.flown_ns, **changes))
+
+    @property
+    def estimate(self) -> Estimate:
+        """The present one."""
+        return self.estimates[-1]
 
     def reboot(self) -> None:
         """The autopilot restarts, and is silent for 1.5 s."""
@@ -289,6 +304,9 @@ class FaultLoop:
             out += service.frame(self._newest.pop(next(iter(self._newest))), self.mono_ns)
         service.pipeline_ns = s.pipeline_ns
         out += service.step(self.mono_ns, pipeline=not s.stops_pipeline, sender=not s.stops_sender)
+        for result in service.published:
+            self.on_published(self, result)
+        service.published.clear()
         for data in out:
             if int.from_bytes(data[7:10], "little") == OBSTACLE_DISTANCE:
                 (message,) = self._sent_splitter.feed(data)

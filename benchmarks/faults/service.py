@@ -15,7 +15,7 @@ from companion.autopilot.obstacle_report import CameraUse, ObstacleReport
 from companion.autopilot.report_builder import ObstacleReportBuilder
 from companion.autopilot.sender import messages_of
 from companion.autopilot.session_factory import params_of
-from companion.autopilot.surroundings import Observer
+from companion.autopilot.surroundings import Surroundings
 from companion.cameras.frozen_frames import FrozenFrameDetector
 from companion.cameras.masks import unmeasured_mask
 from companion.config.avoidance import AvoidParams
@@ -28,6 +28,8 @@ from companion.pipeline.results import PrismsResult
 from core.types import AttitudeSample, CameraInfo, DepthFrame, PoseSample
 from drivers.mavlink.session import MavlinkSession
 
+from .path import PathWatch
+
 NS = 1_000_000_000
 MS = 1_000_000
 PAUSE_NS, READ_NS = 42 * MS, 10 * MS
@@ -37,7 +39,7 @@ TICK_NS = NS // 10
 
 class Service:
     """One run, from its start to its end. `frame` gets the frames of the camera; `step` does what is due, and returns the bytes for
-    the autopilot."""
+    the autopilot. path: what the guard takes for free; published: results of frames, from which the caller takes them."""
 
     reads = READS
 
@@ -47,14 +49,15 @@ class Service:
         avoid: AvoidParams,
         timeout_s: float = ServiceParams().timeout_s,
         config: Config | None = None,
-        observer: Observer | None = None,
     ) -> None:
-        """config: of all else; observer: gets the surroundings of each decision."""
+        """config: of all else."""
         self.avoid, self.config = avoid, config or Config()
         config = self.config
         self.session = MavlinkSession(params_of(config), on_message=self.message, reads=self.reads)
         self.values = AutopilotValues(LastValuesFile(None))
         self.report: ObstacleReport | None = None
+        self.path = PathWatch(avoid, config.guard)
+        self.published: list[PrismsResult] = []
         params = config.extractor
         repeated = config.supervision.frozen_frames
         self._detectors = {c.camera: FrozenFrameDetector(repeated, params.min_measured_share) for c in cameras}
@@ -66,9 +69,9 @@ class Service:
             timeout_s=timeout_s,
             params=params,
             frame_fault=lambda name: self._frozen[name],
-            observer=observer,
+            observer=self._observe,
             open_counts=config.open_sky.presumes,
-            reach_m=config.guard.horizon_m if config.guard.enabled else 0.0,
+            reach_m=config.guard.horizon_m,
         )
         self._builder = ObstacleReportBuilder(avoid, seen)
         for camera in cameras:
@@ -141,6 +144,7 @@ class Service:
     def result(self, result: PrismsResult) -> None:
         """Takes the result of a frame."""
         self._builder.result(result)
+        self.published.append(result)
 
     def _run_pipeline(self, now_ns: int) -> None:
         """Handles what waits, up to a frame that takes time. Its result is given out at the end of this time."""
@@ -162,6 +166,10 @@ class Service:
                     self._results += [output for output in outputs if isinstance(output, PrismsResult)]
             if self._results:
                 self._busy_until_ns = now_ns + self.pipeline_ns
+
+    def _observe(self, surroundings: Surroundings) -> None:
+        """Gets the surroundings of each decision."""
+        self.path.observe(surroundings)
 
     def _decide(self, now_ns: int) -> None:
         vehicle = self._vehicle(now_ns)
