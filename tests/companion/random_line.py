@@ -18,13 +18,19 @@ from drivers.mavlink.parser import MessageSplitter
 from drivers.mavlink.session import MavlinkSession
 
 START_S = 1000.0
+SLEW_S = 3.0
 WRAP_S = 2**32 / 1000.0
 Triple = tuple[float, float, float]
 
 
 @dataclass(frozen=True, kw_only=True)
 class Conditions:
-    """Of a flight. A second vehicle uses the same ids; it started so much later, s. zero_rates: none are filled in."""
+    """Of a flight.
+
+    attitude_id: 0: both messages, each at its own rate. route_s: half of the messages take a second route, which needs so much
+    longer. burst_s: messages of the autopilot wait for the next multiple of this time. request_s: added to the delay of requests.
+    slew: rate by which the clock of the companion computer is corrected during a few seconds. second_after_s: a second vehicle
+    uses the same ids; it started so much later. zero_rates: none are filled in."""
 
     hz: float
     position_hz: float
@@ -40,6 +46,10 @@ class Conditions:
     reboot: bool
     jumps: int
     up_s: float
+    route_s: float = 0.0
+    burst_s: float = 0.0
+    request_s: float = 0.0
+    slew: float = 0.0
     frame_hz: float = 20.0
     seconds: float = 20.0
     second_after_s: float | None = None
@@ -65,6 +75,19 @@ def random_conditions(rng: random.Random, **fixed: Any) -> Conditions:
         "up_s": rng.choice([3.0, 100.0, WRAP_S - 10.0, WRAP_S + 50.0]),
     }
     return Conditions(**drawn | fixed)
+
+
+def harder_conditions(rng: random.Random) -> dict[str, Any]:
+    """One or two of what routers, a slow way up, or a corrected clock add. Where messages keep their order, those of a second route
+    delay the others; without answers to TIMESYNC such a delay cannot be detected."""
+    drawn: dict[str, Any] = {
+        "attitude_id": 0,
+        "route_s": rng.choice([0.03, 0.2, 1.0, 3.0]),
+        "burst_s": rng.choice([0.1, 0.5]),
+        "request_s": rng.choice([0.1, 0.4, 1.0, 4.0]),
+        "slew": rng.choice([-500e-6, -100e-6, 100e-6, 500e-6]),
+    }
+    return {"in_order": False} | {name: drawn[name] for name in rng.sample(list(drawn), rng.choice([1, 2]))}
 
 
 class Waves:
@@ -166,15 +189,19 @@ class RandomFlight:
         self._free_s = [START_S] * 2 * len(starts)  # of each line, down and up
         self._last_s = [START_S] * 2 * len(starts)
         self._off_until_s = 0.0
+        self._slew_s = START_S + rng.uniform(6.0, 12.0) if c.slew else 0.0
         self.found: list[Exposure] = []
         self._plan()
 
     def _plan(self) -> None:
         c, rng = self.conditions, self._rng
         for k in range(len(self._vehicles)):
-            for kind, hz in (("attitude", c.hz), ("position", c.position_hz), ("heartbeat", 1.0)):
+            for kind, hz in (("position", c.position_hz), ("heartbeat", 1.0)):
                 for t_s in self._times(hz):
                     self._at(t_s, kind, k)
+            for number in (c.attitude_id,) if c.attitude_id else (30, 31):
+                for t_s in self._times(c.hz if number == c.attitude_id else rng.choice([4, 10, 50])):
+                    self._at(t_s, "attitude", (k, number))
         for t_s in self._times(c.frame_hz):
             self._at(t_s + rng.uniform(0.03, 0.15), "frame", t_s)
         for t_s in self._times(100.0):
@@ -225,6 +252,12 @@ class RandomFlight:
             return []
         self._free_s[line] = max(t_s, self._free_s[line]) + size / c.bytes_per_s
         arrival_s = self._free_s[line] + c.delay_s + rng.expovariate(1.0 / c.jitter_s)
+        if c.route_s:
+            arrival_s += rng.choice([0.0, c.route_s])
+        if line >= len(self._vehicles):
+            arrival_s += c.request_s
+        elif c.burst_s:
+            arrival_s = math.ceil(arrival_s / c.burst_s) * c.burst_s
         if c.in_order:
             arrival_s = self._last_s[line] = max(arrival_s, self._last_s[line])
         return [arrival_s] + [arrival_s + rng.choice([0.002, 0.05, 0.5, 3.0])] * (rng.random() < c.copies)
@@ -232,11 +265,12 @@ class RandomFlight:
     def _boot_ms(self, k: int, t_s: float) -> int:
         return int(self._vehicles[k].boot_s(t_s) * 1000.0) % 2**32
 
-    def _attitude(self, t_s: float, k: int) -> None:
-        v, c = self._vehicles[k], self.conditions
+    def _attitude(self, t_s: float, sender: tuple[int, int]) -> None:
+        (k, number), c = sender, self.conditions
+        v = self._vehicles[k]
         rates = (0.0, 0.0, 0.0) if c.zero_rates else v.rates(t_s)
         roll, pitch, yaw = (a + self._rng.gauss(0.0, 1e-5) for a in v.euler(t_s, t_s))
-        if c.attitude_id == 30:
+        if number == 30:
             self._sent(k, t_s, dialect.MAVLink_attitude_message(self._boot_ms(k, t_s), roll, pitch, yaw, *rates))
             return
         sign = self._rng.choice([-1.0, 1.0])
@@ -267,33 +301,43 @@ class RandomFlight:
                 boot_ns = int(self._vehicles[k].boot_s(t_s) * 1e6) * 1000
                 self._sent(k, t_s, dialect.MAVLink_timesync_message(tc1=boot_ns, ts1=message.ts1))
 
+    def _lateness_s(self, exposure_s: float, most_s: float) -> list[float]:
+        """Lateness of each estimate that was in force at most so long before or after an exposure."""
+        jumps = (at - exposure_s for at, _, _ in self._vehicles[0].jumps)
+        return [-most_s, *(late_s for late_s in jumps if abs(late_s) <= most_s), most_s]
+
+    def _mono_ns(self, t_s: float) -> int:
+        """The clock of the companion computer, which is corrected for SLEW_S."""
+        corrected_s = min(max(0.0, t_s - self._slew_s), SLEW_S) if self.conditions.slew else 0.0
+        return int((t_s + self.conditions.slew * corrected_s) * 1e9)
+
     # ---- the service ----------------------------------------------------------------------------------------------
 
     def _send(self, t_s: float, _: None) -> None:
         number = len(self._vehicles)
-        for data in self._session.due(int(t_s * 1e9)):
+        for data in self._session.due(self._mono_ns(t_s)):
             for k in range(number):
                 for arrival_s in self._arrivals(number + k, t_s, len(data)):
                     self._at(arrival_s, "asked", (k, data))
 
     def _received(self, t_s: float, data: bytes) -> None:
-        for sample in self._session.receive([(data, int(t_s * 1e9))]):
+        for sample in self._session.receive([(data, self._mono_ns(t_s))]):
             self._sync.add(sample)
 
     def _frame(self, t_s: float, exposure_s: float) -> None:
         """An estimate from before a jump may be carried to the exposure: by 0.05 s, a position by 0.2 s, and as stamps are rounded."""
-        v, t_ns = self._vehicles[0], int(exposure_s * 1e9)
+        v, t_ns = self._vehicles[0], self._mono_ns(exposure_s)
         attitude, pose = self._sync.attitude_at(t_ns), self._sync.pose_at(t_ns)
         attitude_deg = position_m = None
         if isinstance(attitude, AttitudeAt):
             attitude_deg = min(
                 apart_deg(attitude.q_ned_frd_wxyz, quaternion(v.euler(exposure_s, exposure_s + late_s)))
-                for late_s in (-0.055, 0.0, 0.055)
+                for late_s in self._lateness_s(exposure_s, 0.055)
             )
         if isinstance(pose, PoseAt):
             position_m = min(
                 math.dist(pose.position_ned_m, v.place(exposure_s, exposure_s + late_s))
-                for late_s in (-0.21, 0.0, 0.21)
+                for late_s in self._lateness_s(exposure_s, 0.21)
             )
-        conflicts = self._session.status(int(t_s * 1e9)).conflicts
+        conflicts = self._session.status(self._mono_ns(t_s)).conflicts
         self.found.append(Exposure(t_s - START_S, attitude_deg, position_m, tuple(conflicts)))

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import random
+
 import pytest
 
-from ..random_line import Exposure, RandomFlight
+from ..random_line import Exposure, RandomFlight, harder_conditions
 
 MOST_DEG, MOST_M = 3.5, 0.5
 """Greatest errors: max_clock_error_deg and max_clock_error_m, and what is interpolated."""
@@ -20,6 +22,12 @@ def test_no_attitude_or_position_of_another_instant_is_used(seed: int) -> None:
     found = flight.fly()
     assert wrong(found) == []
     assert not any("two autopilots" in e.conflicts for e in found)
+
+
+@pytest.mark.parametrize("seed", range(1000, 1010))
+def test_nothing_wrong_is_used_with_routes_bursts_late_requests_and_a_corrected_clock(seed: int) -> None:
+    found = RandomFlight(seed, **harder_conditions(random.Random(-seed - 1))).fly()
+    assert wrong(found) == []
 
 
 def test_on_lines_that_work_most_frames_have_an_attitude() -> None:
