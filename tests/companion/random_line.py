@@ -302,7 +302,9 @@ class RandomFlight:
                 self._sent(k, t_s, dialect.MAVLink_timesync_message(tc1=boot_ns, ts1=message.ts1))
 
     def _lateness_s(self, exposure_s: float, most_s: float) -> list[float]:
-        """Lateness of each estimate that was in force at most so long before or after an exposure."""
+        """Lateness of each estimate that was in force at most so long before or after an exposure, and as long as stamps may be
+        wrong: by the delay of the line."""
+        most_s += self.conditions.delay_s + self.conditions.burst_s
         jumps = (at - exposure_s for at, _, _ in self._vehicles[0].jumps)
         return [-most_s, *(late_s for late_s in jumps if abs(late_s) <= most_s), most_s]
 
