@@ -12,7 +12,7 @@ from ..types import PlaneFlags, store_readonly
 CUT = PlaneFlags.CUT_LEFT | PlaneFlags.CUT_RIGHT | PlaneFlags.CUT_TOP | PlaneFlags.CUT_BOTTOM
 """It may continue beyond what was observed, at one of its sides."""
 PLANE_IDS, MOVER_IDS = 1 << 16, 1 << 15
-"""Number of the numbers of planes, and of moving obstacles."""
+"""How many ids there are of planes, and of moving obstacles."""
 
 
 class PacketError(ValueError):
