@@ -24,7 +24,7 @@ class FrozenFrameDetector:
 
     An image is repeated if it is equal to one of the last KEPT, by its CRC-32: a driver may deliver one buffer again, or all
     of them in turn. So is one that the host matched from an earlier pair of images: their depth changes with the alignment of
-    their rows, which begins anew with each start of the process. The camera is frozen after `frames` repetitions in a row, or
+    their rows, which begins again with each start of the process. The camera is frozen after `frames` repetitions in a row, or
     after two in the time of as many at FROZEN_HZ: at a low frame rate the image would otherwise be older than the limit for stale
     frames. It is frozen until NEW_IMAGES new ones arrived. The noise changes every image of a live camera that measures enough.
     Images of which a share of at most `least_share` is measured do not count: a covered lens, darkness or a cloudless sky repeats

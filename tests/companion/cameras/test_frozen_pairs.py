@@ -43,7 +43,7 @@ def test_a_repeated_pair_stays_repeated_when_its_rows_are_aligned(monkeypatch: p
 
 
 def test_a_pair_from_before_a_restart_is_repeated() -> None:
-    """A device may keep its image over a restart of the camera's process, which aligns the rows anew."""
+    """A device may keep its image over a restart of the camera's process, which aligns the rows again."""
     detector = FrozenFrameDetector(4)
     (before,) = read(OLD_PAIR)
     source = ZedSource(SETTINGS, Video([OLD_PAIR] * MEASUREMENTS), CALIBRATION)
