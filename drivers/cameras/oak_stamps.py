@@ -66,6 +66,6 @@ class OakStamps:
         if moved_ns > MOST_MOVED_NS:
             raise BadData(
                 f"camera {self._camera}: its stamps jumped by {moved_ns / 1e6:.0f} ms within {SPAN_NS / 1e9:.0f} s against the device's "
-                "own clock, so they do not fit the attitudes; it is opened again and compares the clocks. If this is repeated, use a USB port or "
-                "a network of its own for the camera"
+                "own clock, so they do not fit the attitudes; it is opened again and compares the clocks. If this is repeated, use a "
+                "USB 3 port or a network of its own for the camera"
             )
