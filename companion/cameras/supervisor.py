@@ -232,7 +232,7 @@ class CameraSupervisor:
 
     def _check_same(self, identity: str, intrinsics: Intrinsics) -> None:
         """Raises BadData for another camera than the one that was opened first, whose intrinsics and mount are not known, and for other
-        intrinsics, of which one are wrong."""
+        intrinsics: either these or the first ones are wrong."""
         if self._opened_first is None:
             self._opened_first = identity, intrinsics
         first_identity, first = self._opened_first
@@ -246,8 +246,8 @@ class CameraSupervisor:
         pairs = zip(dataclasses.astuple(intrinsics), dataclasses.astuple(first), strict=True)
         if any(abs(found - known) > SAME_INTRINSICS_PX for found, known in pairs):
             raise BadData(
-                f"camera {self.section.name}: its intrinsics ({intrinsics}) were others at the start ({first}): all directions differ. If it "
-                "was calibrated meanwhile, restart the service; else restart the camera"
+                f"camera {self.section.name}: its intrinsics ({intrinsics}) were others at the start ({first}): all directions differ, and it "
+                "is not known which are right; restart the camera and the service"
             )
 
     def _handle_frame(self, frame: DepthFrame, now_ns: int, dropped: int) -> None:
