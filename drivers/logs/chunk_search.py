@@ -50,7 +50,7 @@ class ChunkSearch:
     def next_chunk(self, begin: int) -> int | None:
         """The place of the first whole compressed chunk at or after `begin`; None: there is none, or the limit is reached. What the
         disk cannot read is passed over."""
-        at, step = begin, min(FIRST_PART, MOST_PART)
+        at, step = begin, FIRST_PART
         while at < self._size:
             part = _read(self._stream, at, step + _BEFORE + _LONGEST)
             for match in _COMPRESSION.finditer(part, _BEFORE):

@@ -169,6 +169,7 @@ def test_the_next_chunk_is_found_at_any_place(
     compression: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Also across the border of two parts of the search; what is no whole chunk is passed over."""
+    monkeypatch.setattr(chunk_search, "FIRST_PART", 64)
     monkeypatch.setattr(chunk_search, "MOST_PART", 64)
     good = chunk(CHANNEL + MESSAGE, compression)
     wrong = bytearray(good)
