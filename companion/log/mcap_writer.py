@@ -37,7 +37,7 @@ _CHUNK_SIZES: Final = struct.Struct("<QI4sQQ")
 """Length of all indexes, "zstd" with its length, compressed and uncompressed size."""
 _START: Final = 1 << 16
 MOST_GAP: Final = 16
-"""Chunks after which the definitions are repeated: 7 kB of some MB."""
+"""Chunks after which the definitions are repeated: 7 kB of up to 16 MiB before compression, of about 16 s in a live log without images."""
 
 Part = bytes | memoryview
 
