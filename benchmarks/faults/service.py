@@ -17,7 +17,7 @@ from companion.autopilot.sender import messages_of
 from companion.autopilot.session_factory import params_of
 from companion.autopilot.surroundings import Surroundings
 from companion.cameras.frozen_frames import FrozenFrameDetector
-from companion.cameras.masks import unmeasured_mask
+from companion.cameras.masks import Mask, unmeasured_mask
 from companion.config.avoidance import AvoidParams
 from companion.config.loader import Config
 from companion.config.service import ServiceParams
@@ -76,7 +76,7 @@ class Service:
         self._builder = ObstacleReportBuilder(avoid, seen)
         for camera in cameras:
             self._pipeline.announce(camera)
-            self._builder.announce(camera, unmeasured_mask(config.camera(camera.camera), camera))
+            self._builder.announce(camera, self._hidden(camera))
         self.pipeline_ns = 0
         self._results: list[PrismsResult] = []
         self._busy_until_ns = 0
@@ -86,7 +86,10 @@ class Service:
     def opened(self, camera: CameraInfo) -> None:
         """A camera was opened again."""
         self._queue.put([camera])
-        self._builder.announce(camera, unmeasured_mask(self.config.camera(camera.camera), camera))
+        self._builder.announce(camera, self._hidden(camera))
+
+    def _hidden(self, camera: CameraInfo) -> Mask | None:
+        return unmeasured_mask(self.config.camera(camera.camera), camera, self.config.extractor.min_measured_share)
 
     def receive(self, data: bytes, now_ns: int) -> None:
         """Adds bytes of the line, which are read with the next `step` or frame."""

@@ -62,17 +62,18 @@ def outside_text(section: CameraConfig, info: CameraInfo) -> str:
     )
 
 
-def unmeasured_mask(section: CameraConfig, info: CameraInfo) -> Mask | None:
+def unmeasured_mask(section: CameraConfig, info: CameraInfo, least_share: float) -> Mask | None:
     """(H, W) pixels that are never measured: masked ones, and columns at the left that stereo matching cannot measure. None: no
-    such pixels, or a mistake that hides the whole image: otherwise no direction would be the camera's, and ArduPilot would receive
-    unknown in its view, which it treats as clear, in place of the artificial wall."""
+    such pixels, or a mistake that leaves too few for a valid frame: otherwise hardly a direction would be the camera's, and
+    ArduPilot would receive unknown in its view, which it treats as clear, in place of the artificial wall. least_share: [expert]
+    min_measured_share."""
     mask, columns = configured_mask(section, info), section.unmatched_px
     if mask is None and columns == 0:
         return None
     k = info.intrinsics
     out = np.zeros((k.height, k.width), bool) if mask is None else mask
     out[:, :columns] = True
-    return None if out.all() else out
+    return None if 1.0 - out.mean() <= least_share else out
 
 
 def apply_mask(depth_mm: NDArray[np.uint16], mask: Mask | None) -> NDArray[np.uint16]:

@@ -33,7 +33,8 @@ def camera_findings(config: Config, patience_s: float) -> Iterator[Finding]:
         finding, info = camera_finding(section, config, patience_s)
         yield finding
         if finding.ok and info is not None:
-            opened.append(OpenedCamera(info, unmeasured_mask(section, info)))
+            hidden = unmeasured_mask(section, info, config.extractor.min_measured_share)
+            opened.append(OpenedCamera(info, hidden))
             if text := outside_text(section, info):
                 yield Finding(f"camera {section.name}", False, text)
     if config.avoid.send:

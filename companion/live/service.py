@@ -137,7 +137,7 @@ class Service:
             with self.parts.pipeline_thread.lock:
                 self.health.camera_opened(name)
             if self.parts.obstacle_output is not None:
-                self.parts.obstacle_output.announce(info, unmeasured_mask(section, info))
+                self.parts.obstacle_output.announce(info, unmeasured_mask(section, info, least_share))
 
         least_share = self.config.extractor.min_measured_share
         return CameraSupervisor(section, opened, self._handle_frame, self.config.supervision, least_share=least_share)

@@ -57,7 +57,10 @@ def test_a_configuration_never_makes_a_solid_clear(seed: int) -> None:
     assert flight.violations() == []
 
 
-@pytest.mark.parametrize("camera", [{"masks": "0,0 5000,5000"}, {"unmatched_left_px": 1024}])
+@pytest.mark.parametrize(
+    "camera",
+    [{"masks": "0,0 5000,5000"}, {"masks": "0,0 159,119"}, {"unmatched_left_px": 1024}, {"unmatched_left_px": 159}],
+)
 def test_a_camera_whose_whole_image_is_hidden_by_mistake_keeps_its_view(camera: dict[str, object]) -> None:
     """No direction was the camera's: ArduPilot was sent unknown all around, which it treats as clear."""
     content = {

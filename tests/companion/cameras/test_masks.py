@@ -55,7 +55,7 @@ def flown(
     camera = section(masks, unmatched_left_px=unmatched_left_px)
     pipeline = Pipeline((INFO,), lambda info: Extractor(), mask=lambda info: configured_mask(camera, info))
     builder = ObstacleReportBuilder(AVOID, CameraUse(cameras=("front",), timeout_s=0.3))
-    builder.announce(INFO, unmeasured_mask(camera, INFO))
+    builder.announce(INFO, unmeasured_mask(camera, INFO, 0.02))
     result, now_ns = None, 0
     for n in range(1, 11):
         now_ns = n * 100 * MS
@@ -174,12 +174,22 @@ def test_the_doctor_finds_a_mask_outside_of_the_image(masks: str, number: int, m
 def test_a_zed_never_matches_its_first_columns_unless_configured_otherwise() -> None:
     zed = CameraConfig(name="z", kind="zed", device="/dev/video9", calibration="SN1.conf", disparities=32)
     assert replace(zed, disparities=17).unmatched_px == 32, "the matcher searches a multiple of 16"
-    mask = unmeasured_mask(zed, INFO)
+    mask = unmeasured_mask(zed, INFO, 0.02)
     assert mask is not None
     assert mask[:, :32].all()
     assert not mask[:, 32:].any()
-    assert unmeasured_mask(replace(zed, unmatched_left_px=0), INFO) is None
-    assert unmeasured_mask(section(), INFO) is None
+    assert unmeasured_mask(replace(zed, unmatched_left_px=0), INFO, 0.02) is None
+    assert unmeasured_mask(section(), INFO, 0.02) is None
+
+
+@pytest.mark.parametrize(("columns", "kept"), [(155, True), (157, False)])
+def test_a_mask_that_leaves_too_few_pixels_for_a_valid_frame_takes_no_direction_from_the_view(
+    columns: int, kept: bool
+) -> None:
+    """Corners that are typed as the last column and row leave these two."""
+    assert INFO.intrinsics.width == 160
+    mask = unmeasured_mask(section(f"0,0 {columns},120"), INFO, 0.02)
+    assert (mask is not None) is kept
 
 
 def test_coverage_counts_what_is_left_of_the_heights() -> None:
