@@ -86,8 +86,11 @@ def _print_usable(path: Path, config: Config, found: list[Difference]) -> None:
 def lacks_for_run(config: Config) -> list[str]:
     """What a service with this configuration would wait for in vain; it is complete for a replay."""
     lacks = []
-    if all(camera.kind == RECORDED for camera in config.cameras):
+    recorded = [camera.name for camera in config.cameras if camera.kind == RECORDED]
+    if len(recorded) == len(config.cameras):
         lacks.append("a [[camera]] of a live kind")
+    elif recorded:
+        lacks.append(f"a live kind of [[camera]] {', '.join(recorded)}")
     if not config.autopilot.address:
         lacks.append("[autopilot] address")
     return lacks

@@ -16,12 +16,21 @@ FORMS = "ipc://PATH or tcp://HOST:PORT, an IPv6 HOST in brackets"
 
 
 def is_endpoint(address: str) -> bool:
-    """True if an address is ipc://PATH or tcp://HOST:PORT, without another placeholder than `{run}`."""
+    """True if an address is ipc://PATH or tcp://HOST:PORT, without another placeholder than `{run}`, and not abstract."""
     kind, _, place = address.replace(RUN, "").partition("://")
     host, _, port = place.rpartition(":")
     if kind == "tcp":
         return is_host(host) and port.isascii() and port.isdecimal() and 0 < int(port) < 65536
-    return kind == "ipc" and bool(place) and "{" not in place
+    return kind == "ipc" and bool(place) and "{" not in place and not place.startswith("@")
+
+
+def forms_text(address: str) -> str:
+    """The forms of an address, and why this one is none of them where it looks like one."""
+    if "{" in address.replace(RUN, ""):
+        return f"{FORMS}; {RUN} is the only placeholder"
+    if address.startswith("ipc://@"):
+        return f"{FORMS}; an abstract address (@) has no permissions: every user of the computer could connect"
+    return FORMS
 
 
 def beyond_loopback(address: str) -> bool:

@@ -9,7 +9,7 @@ from pathlib import Path
 from core.param_field import check, choice, critical, number, switch, text
 from drivers.mavlink.address import parse_address
 
-from .endpoints import FORMS, RUN, is_endpoint
+from .endpoints import RUN, forms_text, is_endpoint
 
 
 def check_line(key: str, address: str) -> None:
@@ -99,8 +99,7 @@ class PublishConfig:
         for name in (*STREAMS, *WORLD_STREAMS, "neighbours", "depth"):
             address = getattr(self, name)
             if address and not is_endpoint(address):
-                other = "; {run} is the only placeholder" if "{" in address.replace(RUN, "") else ""
-                raise ValueError(f'[publish] {name} = "{address}": expected {FORMS}{other}')
+                raise ValueError(f'[publish] {name} = "{address}": expected {forms_text(address)}')
             if address and address in places:
                 other = places[address]
                 raise ValueError(f'[publish] {other} and {name} have the same address "{address}"; give each its own')

@@ -14,7 +14,7 @@ from typing import Any
 from ..common_options import add_config
 from ..config.check_config import lacks_for_run
 from ..config.loader import Config, ConfigError, load_config
-from ..config.startup import startup_problems
+from ..config.startup import run_problems
 from ..console import print_json, print_line, warn
 from ..kernels.jit_cache import SHARED
 from ..packaged import packaged_file
@@ -164,12 +164,9 @@ def config_step(paths: InstallPaths, config: Path | None, replace: bool) -> Step
             raise InstallError(
                 f"{target} does not exist: give a configuration with -c: `companion setup` writes one for your devices"
             )
-        check_files(load_config(target), paths)
+        _usable(target, paths)
         return Step(f"keep {target}", True, lambda: None)
-    content = load_config(config)
-    if problems := startup_problems(content):
-        raise ConfigError(str(config), problems)
-    check_files(content, paths)
+    content = _usable(config, paths)
     if lacks := lacks_for_run(content):
         warn(f"{config} lacks {' and '.join(lacks)}: the service waits for it")
     folder = Path(os.path.normpath(STATE / content.record.folder))
@@ -185,6 +182,15 @@ def config_step(paths: InstallPaths, config: Path | None, replace: bool) -> Step
             f"{target} exists and differs from {config}; add --replace-config, or leave -c away to keep it"
         )
     return step
+
+
+def _usable(path: Path, paths: InstallPaths) -> Config:
+    """The configuration in a file. Raises ConfigError for one that the service would refuse, InstallError as `check_files`."""
+    config = load_config(path)
+    if problems := run_problems(config):
+        raise ConfigError(str(path), problems)
+    check_files(config, paths)
+    return config
 
 
 def check_files(config: Config, paths: InstallPaths) -> None:

@@ -15,11 +15,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
 from ..common_options import add_config
-from ..config.camera_kinds import RECORDED, live_kinds
 from ..config.differences import expert_lines, safety_lines
 from ..config.installed import INSTALLED, config_path
 from ..config.loader import Config, ConfigError, load_config
-from ..config.startup import startup_problems
+from ..config.startup import run_problems
 from ..diagnostic import Diagnostic, without_digits
 from ..paths import Folders, folders
 from .journal import log_to_stderr
@@ -113,14 +112,7 @@ def add_parser(subparsers: Any) -> None:
 def check_live(config: Config, source: Path) -> None:
     """Raises ConfigError where a camera is a recording, which the service would wait for in vain or take for the present, where
     one could open the device of another, and where a stream could not be opened."""
-    problems = [
-        f'[[camera]] "{camera.name}": kind = "{RECORDED}" is a recording, not a camera. Set kind to {live_kinds()}; '
-        "`companion setup` writes such a configuration, `companion configs` lists examples. `companion replay` processes a "
-        "recording"
-        for camera in config.cameras
-        if camera.kind == RECORDED
-    ] + startup_problems(config)
-    if problems:
+    if problems := run_problems(config):
         raise ConfigError(str(source), problems)
 
 

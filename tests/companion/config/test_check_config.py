@@ -49,6 +49,11 @@ def test_json_of_a_usable_file(capsys: pytest.CaptureFixture[str]) -> None:
         ("# [[camera]]\n", "a [[camera]] of a live kind and [autopilot] address"),
         ('[autopilot]\naddress = "udpin:127.0.0.1:14540"\n', "a [[camera]] of a live kind"),
         ('[[camera]]\nname = "front"\nkind = "simulated"\n', "[autopilot] address"),
+        (
+            '[autopilot]\naddress = "udpin:127.0.0.1:14540"\n[[camera]]\nname = "front"\nkind = "simulated"\n'
+            '[[camera]]\nname = "rear"\n',
+            "a live kind of [[camera]] rear",
+        ),
     ],
 )
 def test_what_a_service_would_wait_for_is_named(

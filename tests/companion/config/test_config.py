@@ -148,6 +148,7 @@ def test_a_baud_rate_that_no_port_has_is_a_mistake(baud: str) -> None:
         ),
         ({"publish": {"prisms": "ipc://{runs}/prisms"}}, "{run} is the only placeholder"),
         ({"publish": {"prisms": "tcp://127.0.0.1:\u0665"}}, "expected ipc://PATH or tcp://HOST:PORT"),
+        ({"publish": {"prisms": "ipc://@osape"}}, 'prisms = "ipc://@osape": expected ipc://PATH'),
         ({"camera": [{"name": "x"}, {"name": "x"}]}, "occurs 2 times"),
         ({"camera": [{"name": "x", "min_range_m": 5.0, "max_range_m": 2.0}]}, "must be less than"),
         ({"camera": [{"name": "a b"}]}, "letters, digits"),

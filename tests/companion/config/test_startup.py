@@ -58,8 +58,20 @@ def test_each_command_refuses_it(tmp_path: Path, capsys: pytest.CaptureFixture[s
         check_live(load_config(path), path)
     assert main(["doctor", "-c", str(path), "--patience", "0.1"]) == 1
     assert TEXT in "".join(capsys.readouterr())
-    (tmp_path / "image" / "etc").mkdir(parents=True)
+    (tmp_path / "image" / "etc" / "osape-companion").mkdir(parents=True)
+    paths = install_paths(tmp_path / "image")
     with pytest.raises(ConfigError, match="needs keys"):
+        config_step(paths, path, False)
+    paths.config.write_text(OPEN)
+    with pytest.raises(ConfigError, match=f"{paths.config}: 1 mistake\n.* needs keys"):
+        config_step(paths, None, False)
+
+
+def test_a_recording_as_camera_is_not_installed(tmp_path: Path) -> None:
+    """kind was forgotten in the second camera: the service ended at each start."""
+    (path := tmp_path / "my.toml").write_text(CAMERA + '[[camera]]\nname = "rear"\n')
+    (tmp_path / "image" / "etc").mkdir(parents=True)
+    with pytest.raises(ConfigError, match='"rear": kind = "mcap" is a recording, not a camera'):
         config_step(install_paths(tmp_path / "image"), path, False)
 
 
