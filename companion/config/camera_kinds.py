@@ -12,6 +12,8 @@ class CameraKind:
 
     # keys of `[[camera]]` that must be set, since neither the device nor a default gives them
     needs: tuple[str, ...] = ()
+    # keys of `[[camera]]` that it reads and some other kind does not
+    own_keys: tuple[str, ...]
     # its device is a path below /dev; another path is a file, whose images would count as taken now
     is_video: bool = False
     owns_device: bool = True  # no two cameras may have the same device
@@ -31,8 +33,11 @@ class CameraKind:
     typical_bias_per_m: float
 
 
+_MATCHED = ("disparities", "match_correlation", "match_texture", "match_period", "mark_smooth")
+
 CAMERA_KINDS: Final = {
     "oak": CameraKind(
+        own_keys=(*_MATCHED, "match_on", "confidence", "emitter"),
         width_px=640,
         height_px=400,
         max_range_m=15.0,
@@ -43,6 +48,7 @@ CAMERA_KINDS: Final = {
     ),
     "zed": CameraKind(
         needs=("device", "calibration"),
+        own_keys=(*_MATCHED, "calibration", "exposure_latency_s"),
         is_video=True,
         width_px=672,
         height_px=376,
@@ -56,6 +62,7 @@ CAMERA_KINDS: Final = {
     ),
     "v4l2": CameraKind(
         needs=("device", "fx_px", "fy_px", "cx_px", "cy_px"),
+        own_keys=("fx_px", "fy_px", "cx_px", "cy_px", "depth_unit_mm", "serial", "exposure_latency_s"),
         is_video=True,
         width_px=640,
         height_px=480,
@@ -67,6 +74,10 @@ CAMERA_KINDS: Final = {
         typical_bias_per_m=0.01,
     ),
     "simulated": CameraKind(
+        own_keys=(
+            *("disparities", "mark_smooth", "exposure_latency_s"),
+            *("flight", "follow", "seed", "render", "sky_is_far"),
+        ),
         owns_device=False,
         width_px=640,
         height_px=480,
@@ -81,6 +92,13 @@ CAMERA_KINDS: Final = {
 
 RECORDED: Final = "mcap"
 """The kind of a camera whose frames come from a log."""
+
+
+def ignored_keys(kind: str) -> frozenset[str]:
+    """The keys of `[[camera]]` that a live kind does not read, since they are those of other kinds; none for a recording."""
+    if kind not in CAMERA_KINDS:
+        return frozenset()
+    return frozenset(key for k in CAMERA_KINDS.values() for key in k.own_keys).difference(CAMERA_KINDS[kind].own_keys)
 
 
 def live_kinds() -> str:

@@ -13,10 +13,11 @@ from drivers.base import DriverError
 
 from ..console import fail, print_json, print_line, warn
 from .camera import CameraConfig
-from .camera_kinds import CAMERA_KINDS, RECORDED
+from .camera_kinds import CAMERA_KINDS, RECORDED, ignored_keys
 from .clear_reach import clear_reach_texts
 from .differences import Difference, differences
 from .loader import Config, ConfigError, load_config
+from .named_files import is_missing, named_files
 from .obstacle_range import obstacle_range_m
 from .startup import startup_problems
 from .template_intrinsics import template_texts
@@ -75,7 +76,7 @@ def _print_usable(path: Path, config: Config, found: list[Difference]) -> None:
     described = [_described(camera) for camera in config.cameras if camera.kind != RECORDED]
     for text in clear_reach_texts(described, config.avoid, config.extractor) if config.avoid.send else ():
         warn(text)
-    for text in _calibration_texts(config.cameras):
+    for text in (*_calibration_texts(config.cameras), *_ignored_texts(config.cameras, found), *_missing_texts(config)):
         warn(text)
     for difference in found:
         print_line(f"  {'safety key: ' if difference.safety else ''}{difference.text()}")
@@ -119,6 +120,21 @@ def _calibration_texts(cameras: Sequence[CameraConfig]) -> Iterator[str]:
                 load_zed_calibration(Path(camera.calibration), camera.width_px, camera.height_px)
             except DriverError as error:
                 yield f'[[camera]] "{camera.name}" cannot be opened on this computer: {error}'
+
+
+def _ignored_texts(cameras: Sequence[CameraConfig], found: Sequence[Difference]) -> Iterator[str]:
+    """Cameras with keys of another kind."""
+    for camera in cameras:
+        keys = [d.key for d in found if d.camera == camera.name and d.key in ignored_keys(camera.kind)]
+        if keys:
+            yield f'[[camera]] "{camera.name}": kind "{camera.kind}" does not use {", ".join(keys)}; remove that, or correct kind'
+
+
+def _missing_texts(config: Config) -> Iterator[str]:
+    """Files without which the service would not start. The configuration may be for another computer."""
+    for key, name in named_files(config).items():
+        if is_missing(Path(name)):
+            yield f'{key} = "{name}" does not exist on this computer; make or copy it there, and enter the whole path'
 
 
 def _range_problems(cameras: Sequence[CameraConfig]) -> Iterator[str]:

@@ -14,6 +14,7 @@ from typing import Any
 from ..common_options import add_config
 from ..config.check_config import lacks_for_run
 from ..config.loader import Config, ConfigError, load_config
+from ..config.named_files import is_missing, named_files
 from ..config.startup import run_problems
 from ..console import print_json, print_line, warn
 from ..kernels.jit_cache import SHARED
@@ -196,29 +197,17 @@ def _usable(path: Path, paths: InstallPaths) -> Config:
 def check_files(config: Config, paths: InstallPaths) -> None:
     """Raises InstallError for a file of the configuration that the service could not read. In an image it may come later."""
     named = {f'[[camera]] "{camera.name}": calibration': camera.calibration for camera in config.cameras}
-    named |= {
-        "[autopilot] signing_key": config.autopilot.signing_key,
-        "[publish] keys": config.publish.keys,
-        "[share] zenoh": config.share.zenoh,
-    }
-    for key, name in named.items():
+    for key, name in (named | named_files(config)).items():
         place = Path(os.path.normpath(STATE / name))
         at_end = place.resolve() if paths.live else place  # of links; those of an image lead elsewhere
         hidden = next((h for h in HIDDEN if place.is_relative_to(h) or at_end.is_relative_to(h)), None)
         if hidden is not None:
             cause = f"the service cannot read files below {hidden}"
-        elif name and paths.live and _is_missing(place):
+        elif name and paths.live and is_missing(place):
             cause = f"{place} does not exist"
         else:
             continue
         raise InstallError(f'{key} = "{name}": {cause}; copy it to /etc/{NAME}, and enter the whole path')
-
-
-def _is_missing(place: Path) -> bool:
-    try:
-        return not place.exists()
-    except PermissionError:  # only root can look there
-        return False
 
 
 def check_permissions(paths: InstallPaths) -> None:

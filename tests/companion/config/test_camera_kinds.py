@@ -5,10 +5,11 @@ from __future__ import annotations
 import tomllib
 from dataclasses import fields
 from pathlib import Path
+from typing import Any, ClassVar
 
 import pytest
 
-from companion.cameras.factory import MAKERS
+from companion.cameras.factory import MAKERS, make_source
 from companion.config.camera import CameraConfig
 from companion.config.camera_kinds import CAMERA_KINDS, RECORDED, live_kinds
 from companion.config.loader import ConfigError, config_of, load_config
@@ -87,3 +88,24 @@ def test_a_search_as_wide_as_the_image_is_refused(kind: str, given: dict[str, ob
 def test_messages_name_all_kinds() -> None:
     assert live_kinds().replace(" or ", ", ").split(", ") == list(CAMERA_KINDS)
     assert " or " in live_kinds()
+
+
+class _Watched(CameraConfig):
+    """Notes the keys that are read."""
+
+    read: ClassVar[set[str]] = set()
+
+    def __getattribute__(self, name: str) -> Any:
+        _Watched.read.add(name)
+        return super().__getattribute__(name)
+
+
+@pytest.mark.parametrize("kind", CAMERA_KINDS)
+def test_a_source_reads_the_keys_of_its_kind_and_of_no_other(kind: str) -> None:
+    given: dict[str, Any] = {"device": "/dev/video9", "calibration": "SN1.conf"}
+    given |= dict.fromkeys(("fx_px", "fy_px", "cx_px", "cy_px"), 400.0)
+    section = _Watched(name="front", kind=kind, match_on="host", **given)
+    _Watched.read.clear()
+    make_source(section)
+    own = {key for k in CAMERA_KINDS.values() for key in k.own_keys}
+    assert _Watched.read & own == set(CAMERA_KINDS[kind].own_keys)

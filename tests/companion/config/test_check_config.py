@@ -272,3 +272,34 @@ def test_a_calibration_that_does_not_fit_is_announced(
     assert "usable" in printed.out
     assert text in printed.err
     assert bool(printed.err) == bool(text)
+
+
+@pytest.mark.parametrize("name", ["indoor", "oak", "two-cameras", "simulated", "default"])
+def test_the_keys_of_the_shipped_configurations_are_used(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert call(str(ROOT / "configs" / f"{name}.toml")) == 0
+    assert "does not use" not in capsys.readouterr().err
+
+
+def test_keys_of_another_kind_are_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """They had no effect, without a word."""
+    (path := tmp_path / "my.toml").write_text(
+        '[[camera]]\nname = "front"\nkind = "oak"\ndepth_unit_mm = 0.1\nflight = "street"\nconfidence = 100\n'
+        '[[camera]]\nname = "rear"\ndepth_unit_mm = 0.1\n'
+    )
+    assert call(str(path)) == 0
+    error = capsys.readouterr().err
+    assert '[[camera]] "front": kind "oak" does not use flight, depth_unit_mm; remove that, or correct kind\n' in error
+    assert "rear" not in error
+
+
+def test_missing_files_are_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The file was called usable, and the service did not start. It may be for another computer, so it is not refused."""
+    (path := tmp_path / "my.toml").write_text(
+        f'[autopilot]\nsigning_key = "{tmp_path}/signing.key"\n[publish]\nkeys = "{tmp_path}"\n'
+    )
+    assert call(str(path)) == 0
+    error = capsys.readouterr().err
+    assert (
+        f'[autopilot] signing_key = "{tmp_path}/signing.key" does not exist on this computer; make or copy it' in error
+    )
+    assert "keys =" not in error
