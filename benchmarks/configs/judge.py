@@ -14,7 +14,7 @@ from companion.config.loader import Config
 from companion.guard.path_sight import PathSight
 from companion.pipeline.results import PrismsResult
 from core.types import CameraMount
-from drivers.mavlink.session_types import ARDUPILOT
+from drivers.mavlink.session_types import ARDUPILOT, PX4
 from drivers.simulation.flight_path import VehicleState
 from osape_client.model import CameraModel
 from osape_client.query.space import Occupancy, PlacedModel, Space
@@ -38,6 +38,14 @@ class ConfiguredJudge(Judge):
     free_points: int = 0
     paths: int = 0
     free_paths: int = 0
+
+    def sent(self, loop: FaultLoop, values: list[int]) -> None:
+        """As that of Judge. The wall all around PX4 may replace nearer obstacles (docs/explanation/failsafe.md), which with a
+        large radius_m are in the field."""
+        if self.kind == PX4 and len(set(values)) == 1 and values[0] < round(100 * loop.avoid.max_distance_m):
+            self.messages += 1
+        else:
+            Judge.sent(self, loop, values)
 
     def judge_time(self, loop: FaultLoop, values: list[int], clear_cm: int) -> None:
         """As that of Judge; unknown is judged where the policies and the view of a camera promise more."""

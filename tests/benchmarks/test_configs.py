@@ -21,7 +21,7 @@ from companion.live.run import check_live
 from companion.pipeline.results import PrismsResult
 from core.param_field import is_safety_key
 from core.params import Params
-from drivers.mavlink.session_types import ARDUPILOT
+from drivers.mavlink.session_types import ARDUPILOT, PX4
 from osape_client.model import CameraModel
 from osape_client.query.space import Occupancy
 
@@ -98,6 +98,15 @@ def test_the_judge_notices_a_solid_in_a_clear_sector(flown: ConfiguredFlight) ->
     judge = ConfiguredJudge([], flown.kind, config=flown.config)
     judge.sent(flown, [round(100 * flown.avoid.max_distance_m) + 1] * 72)
     assert any("is clear, a solid is" in v.what for v in judge.violations)
+
+
+def test_the_wall_all_around_px4_may_be_farther_than_a_solid(flown: ConfiguredFlight) -> None:
+    assert flown.kind == PX4
+    judge = ConfiguredJudge([], flown.kind, config=flown.config)
+    judge.sent(flown, [1100] * 72)
+    assert judge.violations == []
+    judge.sent(flown, [1100] * 71 + [1099])
+    assert judge.violations != []
 
 
 def test_the_judge_notices_a_path_that_is_free_behind_a_wall(flown: ConfiguredFlight) -> None:
