@@ -162,7 +162,9 @@ def test_signing_that_ends_in_flight_is_reported_and_its_return_too() -> None:
     c = talk(ARDUPILOT, KEY, KEY, signing_ticks=NOW)
     c.run(4.0)
     c.autopilots[0].sign(None)
-    c.run(9.0)
+    c.run(4.0)
+    assert "does not sign" not in fault(c), "a signature counts for 5 s"
+    c.run(5.0)
     assert "does not sign, but a key is set" in fault(c)
     c.autopilots[0].sign(KEY)
     c.run(9.0)

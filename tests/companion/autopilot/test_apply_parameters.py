@@ -6,6 +6,7 @@ import io
 import json
 import time
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -180,6 +181,22 @@ def test_nothing_is_written_when_the_vehicle_is_armed_before_the_confirmation(tm
         assert sets(line) == []
         assert results
         assert all(not good and "ARMED" in text for good, text in results)
+
+
+def test_nothing_is_proposed_for_a_vehicle_that_is_armed_while_its_parameters_are_read(tmp_path: Path) -> None:
+    """Its next heartbeat may come after the parameters are known."""
+    with flying(PX4, tmp_path, BAD[PX4]) as (line, config):
+
+        def arm() -> None:
+            assert until(lambda: line.change(lambda a: a.of_kind("PARAM_REQUEST_READ")))
+            line.change(lambda a: setattr(a.profile, "armed", True))
+
+        with ThreadPoolExecutor(1) as pilot:
+            armed = pilot.submit(arm)
+            proposed: list[Change] = []
+            ((good, text),) = steps(config, lambda wanted: proposed.extend(wanted) is None)
+            armed.result()
+        assert (good, "ARMED" in text, proposed) == (False, True, [])
 
 
 @pytest.mark.usefixtures("soon")
