@@ -33,14 +33,19 @@ ROOT = Path(__file__).resolve().parents[3]
 
 
 def test_the_demo_flies_the_service_and_makes_what_it_names(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """It deleted the folder logs of the user."""
     out = tmp_path / "out"
+    log = out / "logs" / "flight.000.mcap"
+    log.parent.mkdir(parents=True)
+    log.write_text("the only copy")
     assert main(["demo", "--fast", "--seconds", "1", "-o", str(out)]) == 0
     output = capsys.readouterr().out
     for name in ("view/flight.html", "prisms.mcap", "view/*.png", "autopilot: PX4", "vertical planes", "bit for bit"):
         assert name in output
     assert (out / "view" / "flight.html").stat().st_size > 10_000
     assert len(list((out / "view").glob("*.png"))) >= 4
-    assert sorted(p.name for p in out.iterdir()) == ["prisms.mcap", "view"]
+    assert log.read_text() == "the only copy"
+    assert sorted(p.name for p in out.iterdir()) == ["logs", "prisms.mcap", "view"]
     with McapRecording(out / "prisms.mcap") as recording:
         results = [item.message for item in recording.messages("prisms")]
     assert sum(isinstance(m, pb.PrismsFrame) and m.valid for m in results) > 5
@@ -53,15 +58,13 @@ def flown_before(config: Config, folder: Path, duration_s: float, on_progress: o
     return LiveRun(log=log, health=pb.Health(), received=ReceiveStats(valid=1), duration_s=duration_s)
 
 
-def test_the_demo_keeps_the_logs_of_the_user_and_draws_its_page_alone_without_matplotlib(
+def test_the_demo_keeps_what_it_may_not_replace_and_draws_its_page_alone_without_matplotlib(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """It replaced prisms.mcap, and deleted the folder logs. An installation without the extra `view` failed at its end."""
+    """It replaced prisms.mcap. An installation without the extra `view` failed at its end."""
     monkeypatch.setitem(sys.modules, "matplotlib.backends.backend_agg", None)
     monkeypatch.setattr("companion.demo.demo.fly", flown_before)
-    log, result = tmp_path / "logs" / "flight.000.mcap", tmp_path / "prisms.mcap"
-    log.parent.mkdir()
-    log.write_text("the only copy")
+    result = tmp_path / "prisms.mcap"
     result.write_text("the only copy")
     earlier = tmp_path / "view" / "frame_front_000001.png"
     earlier.parent.mkdir()
@@ -79,8 +82,7 @@ def test_the_demo_keeps_the_logs_of_the_user_and_draws_its_page_alone_without_ma
     assert f"({os.path.relpath(ROOT / 'docs' / 'how-to' / 'import-recordings.md')})" in printed.out
     assert (tmp_path / "view" / "flight.html").stat().st_size > 10_000
     assert not list((tmp_path / "view").glob("*.png"))  # the earlier one neither: they would be of two flights
-    assert log.read_text() == "the only copy"
-    assert sorted(p.name for p in tmp_path.iterdir()) == ["logs", "prisms.mcap", "view"]
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["prisms.mcap", "view"]
 
 
 def test_a_demo_keeps_the_log_of_one_that_is_running(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
