@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from ..jit import inner
-from .association import CONTINUES, COVERS, SIDEWAYS_M, fits_one_rectangle, heights_overlap
+from .association import CONTINUES, COVERS, SIDEWAYS_M, fits_one_rectangle, has_empty_corner, heights_overlap
 from .line import along, is_thin, middle_share, offset, point_at, seen_at, seen_height, sideways
 from .tables import NONE, append_detections, make_room
 
@@ -25,10 +25,19 @@ def merge_pairs(table, detections, pairs, eye):
         if k == j or tracks[j].hits == 0:
             continue
         if pairs[n, 2] == COVERS:
-            if tracks[j].first_detection == NONE:
+            if tracks[j].first_detection == NONE and not leaves_corner(tracks[k], tracks[j]):
                 absorb(table, detections, k, j, eye)
         elif pairs[n, 2] == CONTINUES and same_surface(tracks[k], tracks[j], eye):
             absorb(table, detections, k, j, eye)
+
+
+@inner
+def leaves_corner(t, other):
+    """Whether one rectangle for both tracks, on the line of t, has an empty corner."""
+    x0, y0 = point_at(other, other.s0_m)
+    x1, y1 = point_at(other, other.s1_m)
+    sa, sb = along(t, x0, y0), along(t, x1, y1)
+    return has_empty_corner(min(sa, sb), max(sa, sb), other.top_m, other.bottom_m, t)
 
 
 @inner
