@@ -43,6 +43,7 @@ def main() -> int:
             clear_sectors=judge.clear,
             paths=judge.paths,
             planner_messages=judge.planner,
+            worlds=judge.worlds,
             quiet_messages=judge.quiet,
             violations=len(judge.violations),
         )

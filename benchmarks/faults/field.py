@@ -25,6 +25,8 @@ RING, RING_HEIGHT_M = 16, 9.0
 LEG_S = 2.5
 POINT_M = 0.03
 """Distance between two points of an outline."""
+DEEP_M = 0.75
+"""Distance of the points inside of the solids from their sides."""
 
 Points = NDArray[np.float64]
 
@@ -45,10 +47,12 @@ class Mover:
 @dataclass(frozen=True, slots=True, eq=False)
 class Field:
     """scene: to be rendered; outline_m: (N, 2) points north and east on the sides of its solids, all of which reach over the
-    height band of the vehicle; path: of the vehicle; mover: beside them; None: nothing moves."""
+    height band of the vehicle; deep_m: (M, 2) points in them, and behind the ring, at least DEEP_M behind the sides; path: of the
+    vehicle; mover: beside them; None: nothing moves."""
 
     scene: Scene
     outline_m: Points
+    deep_m: Points
     path: FlightPath
     mover: Mover | None = None
 
@@ -77,11 +81,13 @@ def random_field(seed: int, duration_s: float) -> Field:
     rng = np.random.default_rng([4, seed])
     builder = SceneBuilder(f"field {seed}")
     builder.ground()
-    outlines = [_solid(builder, rng) for _ in range(int(rng.integers(2, 8)))]
+    solids = [_solid(builder, rng) for _ in range(int(rng.integers(2, 8)))]
     ring_m = float(rng.uniform(14.5, 16.5))
+    outlines = [outline for outline, _ in solids]
     outlines += [_wall(builder, ring_m, math.tau * i / RING) for i in range(RING)]
+    deep_m = np.concatenate([deep for _, deep in solids] + [_behind_ring(ring_m)])
     mover = _mover(builder, np.random.default_rng([8, seed]), ring_m) if seed % 4 in (1, 2) else None
-    return Field(builder.build(), np.concatenate(outlines), _path(rng, duration_s), mover)
+    return Field(builder.build(), np.concatenate(outlines), deep_m, _path(rng, duration_s), mover)
 
 
 def _mover(builder: SceneBuilder, rng: np.random.Generator, ring_m: float) -> Mover:
@@ -108,8 +114,15 @@ def _wall(builder: SceneBuilder, ring_m: float, bearing: float) -> Points:
     return np.column_stack([ring_m * c - along * s, ring_m * s + along * c])
 
 
-def _solid(builder: SceneBuilder, rng: np.random.Generator) -> Points:
-    """Adds a box or a pole; returns its outline."""
+def _behind_ring(ring_m: float) -> Points:
+    """Returns points behind the ring, whose corners are farther away than its middles, and whose walls overlap by 0.4 m."""
+    bearing = np.arange(0.0, math.tau, math.radians(2.0))
+    range_m = ring_m / math.cos(math.pi / RING) + 0.05 + DEEP_M
+    return range_m * np.column_stack([np.cos(bearing), np.sin(bearing)])
+
+
+def _solid(builder: SceneBuilder, rng: np.random.Generator) -> tuple[Points, Points]:
+    """Adds a box or a pole; returns its outline, and points deep in it."""
     bearing, range_m = rng.uniform(-math.pi, math.pi), rng.uniform(NEAREST_M + 1.0, FARTHEST_M)
     height_m = float(rng.uniform(4.5, 7.0))
     if rng.random() < 0.3:
@@ -117,7 +130,8 @@ def _solid(builder: SceneBuilder, rng: np.random.Generator) -> Points:
         x, y = (range_m + radius_m) * math.cos(bearing), (range_m + radius_m) * math.sin(bearing)
         builder.pole("pole", x, y, 2.0 * radius_m, height_m)
         angle = np.arange(0.0, math.tau, POINT_M / radius_m)
-        return np.column_stack([x + radius_m * np.cos(angle), y + radius_m * np.sin(angle)])
+        outline_m = np.column_stack([x + radius_m * np.cos(angle), y + radius_m * np.sin(angle)])
+        return outline_m, np.array([[x, y]] if radius_m >= DEEP_M else np.zeros((0, 2)))
     length_m, width_m, yaw = (
         float(rng.uniform(0.7, 5.0)),
         float(rng.uniform(0.7, 3.0)),
@@ -130,8 +144,10 @@ def _solid(builder: SceneBuilder, rng: np.random.Generator) -> Points:
     across = np.arange(-0.5 * width_m, 0.5 * width_m, POINT_M)
     sides = [np.column_stack([along, np.full(len(along), side * 0.5 * width_m)]) for side in (-1, 1)]
     sides += [np.column_stack([np.full(len(across), side * 0.5 * length_m), across]) for side in (-1, 1)]
-    c, s = math.cos(yaw), math.sin(yaw)
-    return np.asarray(np.concatenate(sides) @ np.array([[c, s], [-s, c]]) + [x, y])
+    R = np.array([[math.cos(yaw), math.sin(yaw)], [-math.sin(yaw), math.cos(yaw)]])
+    deep = [np.arange(DEEP_M, size_m - DEEP_M, 0.25) - 0.5 * size_m for size_m in (length_m, width_m)]
+    deep_m = np.stack(np.meshgrid(*deep), axis=-1).reshape(-1, 2)
+    return np.concatenate(sides) @ R + [x, y], deep_m @ R + [x, y]
 
 
 def _path(rng: np.random.Generator, duration_s: float) -> FlightPath:

@@ -13,11 +13,12 @@ import numpy as np
 from companion.pipeline.results import PrismsResult
 from drivers.mavlink.session_types import ARDUPILOT
 
-from .field import STEP_DEG
+from .field import HEIGHT_M, STEP_DEG
 from .loop import FaultLoop
 from .path import true_room_m
-from .planner import TIMEOUT_NS, camera_place_m, hidden_points, in_estimate, in_level, taken_for_free
+from .planner import TIMEOUT_NS, Floats, camera_place_m, hidden_points, in_estimate, in_level, taken_for_free
 from .switches import NS, Fault
+from .world import WorldWatch
 
 UNKNOWN = 65535
 RANGE_M = 0.75
@@ -28,6 +29,8 @@ ARRIVED_S = 0.5
 """What has moved into a sector is reported at the latest after this time: two frames of which one may be lost, and the link."""
 INSIDE_DEG = 1.5
 """A solid in the outermost degree of a sector, a fifth of its width, may be missed (docs/reference/limits.md)."""
+SURFACE_STEP = 17
+"""Of so many points of the outlines one is a place that the world must not lose."""
 JUMP_NS = 250_000_000
 """A position is carried forward for 0.2 s: a frame may be in the estimate of before a jump for so long."""
 BLIND_NS = 400_000_000
@@ -52,7 +55,7 @@ class Violation:
 class Judge:
     """`sent` gets each message. messages: number of messages; clear: number of clear sectors; quiet: messages at times without a fault; refused: number of them
     at which a camera was blind, by cause; paths: decisions by which the guard takes a
-    path for free; planner: valid messages for a planner; seen_s: instants at which
+    path for free; planner: valid messages for a planner; worlds: judged times of the merged world; seen_s: instants at which
     AGAIN_SECTORS sectors or more were clear or at a true obstacle."""
 
     faults: list[Fault]
@@ -63,10 +66,12 @@ class Judge:
     refused: Counter[str] = field(default_factory=Counter)
     paths: int = 0
     planner: int = 0
+    worlds: int = 0
     violations: list[Violation] = field(default_factory=list)
     seen_s: list[float] = field(default_factory=list)
     _noisy_ns: int = -NS
     _noise: float = 1.0
+    _world: WorldWatch = field(default_factory=WorldWatch)
 
     def sent(self, loop: FaultLoop, values: list[int]) -> None:
         """Judges one message at the moment of sending."""
@@ -133,9 +138,11 @@ class Judge:
     def published(self, loop: FaultLoop, result: PrismsResult) -> None:
         """Judges the message of a frame at the moment of publication."""
         age_ns = loop.mono_ns - result.t_exposure_ns
+        exposed_ns = loop.flown_ns - age_ns
+        if self._world.take(result, loop.began_ns):
+            self._judge_world(loop, exposed_ns)
         if not result.valid or age_ns > TIMEOUT_NS:
             return
-        exposed_ns = loop.flown_ns - age_ns
         state = loop.field.path.at(exposed_ns / NS)
         mount = next(c.mount for c in loop.cameras if c.camera == result.camera)
         points_m, surface_m = hidden_points(
@@ -144,9 +151,7 @@ class Judge:
         self.planner += 1
         frames = [in_level(points_m, state)]
         if result.frame == "ned":
-            until_ns = [e.since_ns for e in loop.estimates[1:]] + [loop.flown_ns + 1]
-            recent = [e for e, end_ns in zip(loop.estimates, until_ns, strict=True) if end_ns > exposed_ns - JUMP_NS]
-            frames = [in_estimate(points_m, e.heading_rad, e.shift_m) for e in recent]
+            frames = in_estimates(loop, points_m, exposed_ns)
         limit_m = np.array([self._allowed_m(loop, float(m)) for m in surface_m])
         wrong = np.logical_and.reduce([taken_for_free(result, points) for points in frames]) & (limit_m <= RANGE_M)
         if wrong.any():
@@ -155,6 +160,19 @@ class Judge:
                 f"{np.count_nonzero(wrong)} points in {result.frame} behind surfaces at {surface_m[wrong].min():.2f} m "
                 f"are free to a planner, by camera {result.camera}, {age_ns / NS:.2f} s after its exposure",
             )
+
+    def _judge_world(self, loop: FaultLoop, exposed_ns: int) -> None:
+        """Judges the merged world: what is in solids must not be free, and their surfaces must not get lost."""
+        self.worlds += 1
+        deep_m, surface_m = loop.field.deep_m, loop.field.outline_m[::SURFACE_STEP]
+        wrong = np.logical_and.reduce([self._world.free(p) for p in in_estimates(loop, at_height(deep_m), exposed_ns)])
+        if wrong.any():
+            near_m = float(np.hypot(*deep_m[wrong].T).min())
+            self._note(loop, f"{np.count_nonzero(wrong)} points in solids from {near_m:.2f} m are free in the world")
+        estimates = in_estimates(loop, at_height(surface_m), exposed_ns)
+        if len(estimates) == 1 and loop.field.mover is None and (lost := self._world.lost(estimates[0])).any():
+            near_m = float(np.hypot(*surface_m[lost].T).min())
+            self._note(loop, f"{np.count_nonzero(lost)} places of surfaces from {near_m:.2f} m are lost in the world")
 
     def judge_time(self, loop: FaultLoop, values: list[int], clear_cm: int) -> None:
         """Without new evidence nothing may be clear; an ArduPilot must not be sent unknown where a camera looks."""
@@ -203,6 +221,18 @@ class Judge:
                         until_s, f"not seen again {until_s - fault.end_ns / NS:.1f} s after its end", (fault.name,)
                     )
                 )
+
+
+def at_height(points_m: Floats) -> Floats:
+    """Returns points (N, 2) as places (N, 3) at the height of the flight."""
+    return np.column_stack([points_m, np.full(len(points_m), -HEIGHT_M)])
+
+
+def in_estimates(loop: FaultLoop, points_m: Floats, exposed_ns: int) -> list[Floats]:
+    """Returns points (N, 3) in ned of each estimate that a frame of this exposure may be in."""
+    until_ns = [e.since_ns for e in loop.estimates[1:]] + [loop.flown_ns + 1]
+    recent = [e for e, end_ns in zip(loop.estimates, until_ns, strict=True) if end_ns > exposed_ns - JUMP_NS]
+    return [in_estimate(points_m, e.heading_rad, e.shift_m) for e in recent]
 
 
 def viewers(loop: FaultLoop, sector: int, inside_deg: float) -> list[int]:

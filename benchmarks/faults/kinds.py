@@ -82,6 +82,7 @@ KINDS: dict[str, Kind] = {
     "position reset": _event("reset_position", 1.5),
     "change of the estimator": _event("change_estimator", 1.5),
     "autopilot rebooted": _event("reboot", 4.0),
+    "autopilot clock stepped": _event("step_clock", 5.0),
     "service restarted": _event("restart", 4.0),
     "computer suspended": _event("suspend", 7.0),
 }

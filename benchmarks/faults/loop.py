@@ -118,8 +118,8 @@ class FaultLoop:
     # ---- events, by name -----------------------------------------------------------------------------------------------
 
     def reset_heading(self) -> None:
-        """The estimate of the heading jumps."""
-        step_rad = float(self._rng.choice([-1.0, 1.0]) * self._rng.uniform(0.05, 3.0))
+        """The estimate of the heading jumps. By less than the width of a view as often as by more: then both views overlap."""
+        step_rad = float(self._rng.choice([-1.0, 1.0]) * math.exp(self._rng.uniform(math.log(0.05), math.log(3.0))))
         self._estimates(heading_rad=self.estimate.heading_rad + step_rad)
 
     def reset_position(self) -> None:
@@ -147,13 +147,20 @@ class FaultLoop:
         self.autopilot.reboot(self.flown_ns)
         self._silent_until_ns = self.flown_ns + 3 * NS // 2
 
+    def step_clock(self) -> None:
+        """The boot time of the autopilot jumps, without a restart."""
+        step_s = float(
+            self._rng.choice([-1.0, 1.0]) * self._rng.choice([0.05, 0.2, 1.0, 5.0]) * self._rng.uniform(0.6, 1.5)
+        )
+        self.autopilot.profile.boot_at_ns -= round(step_s * NS)
+
     def change_parameter(self) -> None:
         """A ground station changes the distance at which the autopilot brakes; at most 0: it does not brake."""
         name, value = ("AVOID_MARGIN", 0.5) if self.kind == ARDUPILOT else ("CP_DIST", -1.0)
         self.autopilot.parameters[name] = float(self._rng.choice([value, 1.0, 2.5, 6.0, 15.0]))
 
     def reopen(self) -> None:
-        """A camera is closed, and is opened with another calibration."""
+        """A camera is closed, and is opened with another calibration, which the supervisor of the service would refuse."""
         number = int(self._rng.integers(len(self.cameras)))
         closed_ns = round(self._rng.uniform(0.5, 1.5) * NS)
         self._closed_until_ns[number] = self.flown_ns + closed_ns
