@@ -67,6 +67,11 @@ def group_message(parts: dict[str, dai.ImgFrame]) -> dai.MessageGroup:
     return group
 
 
+QUEUE = 1000
+"""Length of the queue before the driver: it never fills. A message that was made in Python and is dropped by a full queue needs the
+GIL under the lock of the queue, for which `tryGetAll` waits with the GIL: both wait for ever. Messages of a device need no GIL."""
+
+
 class HostPair(dai.node.ThreadedHostNode):
     """Sends what `make` gives for 0, 1, 2, ..., each part at the output of its name; a part may be missing."""
 
@@ -112,7 +117,7 @@ class HostLink:
     def __init__(self, make: Callable[[int], dai.ImgFrame | None], period_s: float = 0.01) -> None:
         self._pipeline = dai.Pipeline(createImplicitDevice=False)
         node = self._pipeline.create(HostCamera, make, period_s)
-        self.queue = node.out.createOutputQueue(2, False)
+        self.queue = node.out.createOutputQueue(QUEUE, False)
         self._pipeline.start()
         self._stopped = False
 
@@ -144,6 +149,6 @@ class HostPairLink(HostLink):
         self.baseline_m = baseline_m
         self._pipeline = dai.Pipeline(createImplicitDevice=False)
         node = self._pipeline.create(HostPair, streams, make, PERIOD_S)
-        self.queue = synchronised(self._pipeline, node.outs, 0.4 * PERIOD_S).createOutputQueue(2, False)
+        self.queue = synchronised(self._pipeline, node.outs, 0.4 * PERIOD_S).createOutputQueue(QUEUE, False)
         self._pipeline.start()
         self._stopped = False

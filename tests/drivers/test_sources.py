@@ -155,5 +155,3 @@ def test_a_recording(make: Callable[[Path], EventSource], tmp_path: Path) -> Non
         assert frame.depth_mm.shape == (names[frame.camera].height, names[frame.camera].width)
         assert frame.t_exposure_ns <= frame.t_arrival_ns
     assert [event.t_arrival_ns for event in source.events()] == arrivals  # it can be read again
-    source.close()
-    source.close()
