@@ -71,12 +71,12 @@ test-processes: $(STAMP)
 	@echo "== tests with processes, sockets and the clock"
 	@$(BIN)/pytest $(BY_FILE) --no-loadscope-reorder -n 4 -m "process and not realtime" $(call WITH_MARK,process,tests)
 
-# Three services with 15 frames a second each: on a slow machine more do not keep up with their cameras. In the order of their
-# names: sorted by the number of tests, the file of the guard, which takes longest, comes last.
+# On a slow machine three services at once do not keep up with their cameras. In the order of their names: sorted by the number of
+# tests, the file of the guard, which takes longest, comes last.
 test-realtime: $(STAMP)
 	@$(BIN)/companion warmup
 	@echo "== tests that follow a service in real time"
-	@$(BIN)/pytest $(BY_FILE) --no-loadscope-reorder -n 3 -m realtime $(call WITH_MARK,realtime,tests)
+	@$(BIN)/pytest $(BY_FILE) --no-loadscope-reorder -n 2 -m realtime $(call WITH_MARK,realtime,tests)
 
 test-versions: $(STAMP) ## Python 3.11 to 3.14, each with the lowest and highest packages (needs the network; ARGS='--only 3.12')
 	@$(BIN)/python .ci/test_versions.py $(ARGS)
