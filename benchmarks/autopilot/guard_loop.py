@@ -56,6 +56,19 @@ _OF_HEARTBEATS = (SET_MESSAGE_INTERVAL, REQUEST_MESSAGE)
 NO_CLOCK = ClockEstimate(ClockSource.NONE)
 
 
+def link_status_of(vehicle: Vehicle | None) -> LinkStatus:
+    """The status of a link whose clock is not synchronised, for a guard without a link."""
+    return LinkStatus(
+        vehicle=vehicle,
+        clock=NO_CLOCK,
+        clock_restarts=0,
+        attitude_hz=50.0,
+        position_hz=50.0,
+        received=0,
+        counts={},
+    )
+
+
 @dataclass(slots=True)
 class LoopRecord:
     """What happened. stops: (instant, speed) of the first attempt of each stop; reasons: for each of them, what it was decided from;
@@ -130,15 +143,7 @@ class GuardLoop:
         return Vehicle(SYSTEM, self.kind, 2, True, mode, heard_ns)
 
     def _link_status(self) -> LinkStatus:
-        return LinkStatus(
-            vehicle=self._vehicle(),
-            clock=NO_CLOCK,
-            clock_restarts=0,
-            attitude_hz=50.0,
-            position_hz=50.0,
-            received=0,
-            counts={},
-        )
+        return link_status_of(self._vehicle())
 
     def _builders(self) -> tuple[ObstacleReportBuilder, ...]:
         """The one of the service, and one that shows each plane in its first frame."""

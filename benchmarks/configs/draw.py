@@ -46,29 +46,38 @@ TEXTS: dict[tuple[str, str], tuple[str, ...]] = {
     ("share", "zenoh_team"): ("team", "a b"),
 }
 """Texts of each key with free text; those that are not here keep their default, except for addresses of streams."""
-
-
 LEVER_SHARE = 0.05
 """Of the positions of cameras that are valid: at most 0.5 m from the autopilot."""
 JUDGED_KEYS = {
-    "avoid": (
-        *(
-            "rate_hz",
-            "radius_m",
-            "band_above_m",
-            "band_below_m",
-            "min_distance_m",
-            "max_distance_m",
-            "near_m",
-            "rays",
-            "slices",
-        ),
-        *("step_m", "remember_s", "remember_m", "silence_s", "stop_hold_s", "remember_up_s", "recover_frames"),
-    ),
-    "guard": (
-        *("mission", "return_home", "guided", "limit_speed", "deceleration_m_s2", "reaction_s", "margin_m", "side_m"),
+    "avoid": [
+        "rate_hz",
+        "radius_m",
+        "band_above_m",
+        "band_below_m",
+        "min_distance_m",
+        "max_distance_m",
+        "near_m",
+        "rays",
+        "slices",
+        "step_m",
+        "remember_s",
+        "remember_m",
+        "silence_s",
+        "stop_hold_s",
+        "remember_up_s",
+        "recover_frames",
+    ],
+    "guard": [
+        "mission",
+        "return_home",
+        "guided",
+        "limit_speed",
+        "deceleration_m_s2",
+        "reaction_s",
+        "margin_m",
+        "side_m",
         "horizon_m",
-    ),
+    ],
 }
 """Safety keys of which every value is judged by the truth: the judge reads them, or they may only delay what is clear."""
 

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
+from benchmarks.autopilot.guard_loop import link_status_of
 from benchmarks.faults.field import random_field
 from benchmarks.faults.kinds import random_faults
 from benchmarks.faults.loop import FaultLoop
@@ -22,7 +23,6 @@ from companion.pipeline.configured import effective_cameras
 from companion.pipeline.encode import prisms_message, wire_bytes
 from companion.pipeline.results import PrismsResult
 from core.types import CameraInfo, CameraMount
-from drivers.mavlink.clock_sync import ClockEstimate, ClockSource
 from drivers.mavlink.commands import PX4_AUTO, px4_mode_number
 from drivers.mavlink.session_types import ARDUPILOT, PX4, LinkStatus, Vehicle
 from drivers.simulation.source import camera_info
@@ -35,7 +35,6 @@ MISSION = {PX4: px4_mode_number(PX4_AUTO, 4), ARDUPILOT: 3}
 """custom_mode in which the guard is active."""
 WIDTHS_PX = (96, 128, 160)
 CAMERA_YAW_RAD = (0.0, 1.48, 3.14, -1.48)
-NO_CLOCK = ClockEstimate(ClockSource.NONE)
 QUERY_EVERY = 8
 """Of so many results one is queried."""
 
@@ -89,15 +88,7 @@ class ConfiguredService(Service):
         self.session.post(message, self._now_ns)
 
     def _link_status(self) -> LinkStatus:
-        return LinkStatus(
-            vehicle=self._received(),
-            clock=NO_CLOCK,
-            clock_restarts=0,
-            attitude_hz=50.0,
-            position_hz=50.0,
-            received=0,
-            counts={},
-        )
+        return link_status_of(self._received())
 
 
 class ConfiguredFlight(FaultLoop):

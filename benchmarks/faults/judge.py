@@ -53,10 +53,10 @@ class Violation:
 
 @dataclass(slots=True)
 class Judge:
-    """`sent` gets each message. messages: number of messages; clear: number of clear sectors; quiet: messages at times without a fault; refused: number of them
-    at which a camera was blind, by cause; paths: decisions by which the guard takes a
-    path for free; planner: valid messages for a planner; worlds: judged times of the merged world; seen_s: instants at which
-    AGAIN_SECTORS sectors or more were clear or at a true obstacle."""
+    """`sent` gets each message. messages: number of messages; clear: number of clear sectors; quiet: messages at times without a
+    fault; refused: number of them at which a camera was blind, by cause; paths: decisions by which the guard takes a path for
+    free; planner: valid messages for a planner; worlds: judged times of the merged world; seen_s: instants at which AGAIN_SECTORS
+    sectors or more were clear or at a true obstacle."""
 
     faults: list[Fault]
     kind: str

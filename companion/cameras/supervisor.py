@@ -246,8 +246,8 @@ class CameraSupervisor:
         pairs = zip(dataclasses.astuple(intrinsics), dataclasses.astuple(first), strict=True)
         if any(abs(found - known) > SAME_INTRINSICS_PX for found, known in pairs):
             raise BadData(
-                f"camera {self.section.name}: its intrinsics ({intrinsics}) were others at the start ({first}): all directions differ, and it "
-                "is not known which are right; restart the camera and the service"
+                f"camera {self.section.name}: its intrinsics ({intrinsics}) differ from those at the start ({first}), so that one of both is "
+                "wrong; restart the camera and the service"
             )
 
     def _handle_frame(self, frame: DepthFrame, now_ns: int, dropped: int) -> None:

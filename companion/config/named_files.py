@@ -20,6 +20,9 @@ def named_files(config: Config) -> dict[str, str]:
 def is_missing(place: Path) -> bool:
     """Whether it is known that nothing is at a path."""
     try:
-        return not place.exists()
-    except PermissionError:  # only root can look there
+        place.stat()  # exists() answers no, from Python 3.14 on, where only root can look
+    except PermissionError:
         return False
+    except (OSError, ValueError):  # also a name that no file can have
+        return True
+    return False

@@ -79,7 +79,9 @@ def test_other_intrinsics_than_at_the_start_are_not_used(changes: dict[str, floa
     camera = Opened()
     camera.open(Opening())
     other = replace(INFO, intrinsics=replace(INFO.intrinsics, **changes))
-    camera.refuse(Opening(other), "its intrinsics .* were others at the start .* restart the camera and the service")
+    camera.refuse(
+        Opening(other), "its intrinsics .* differ from those at the start .* restart the camera and the service"
+    )
     camera.open(Opening())
 
 
