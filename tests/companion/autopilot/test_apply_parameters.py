@@ -216,6 +216,8 @@ def test_nothing_is_written_to_an_autopilot_that_was_exchanged_before_the_confir
                 line.change(lambda a: (a.received.clear(), a.reboot(time.monotonic_ns())))
             # three answers that contradict the clock of before show it
             assert until(lambda: len(line.change(lambda a: a.of_kind("TIMESYNC"))) >= 6)
+            # each sends a heartbeat once a second: without one of the autopilot the reason would be another
+            assert until(lambda: len(line.change(lambda a: a.of_kind("HEARTBEAT"))) >= 2)
             return True
 
         results = steps(config, exchanged_meanwhile)
