@@ -52,6 +52,7 @@ def run(args: argparse.Namespace) -> int:
                 "ok": not refused,
                 "problems": refused,
                 "lacks_for_run": lacks_for_run(config),
+                "warnings": [] if refused else list(_warnings(config, found)),
                 "changes": _as_json(found),
             }
         )
@@ -73,15 +74,22 @@ def _print_usable(path: Path, config: Config, found: list[Difference]) -> None:
     for camera in config.cameras:
         if camera.max_range_m is not None:
             print_line(f"  {_range_line(camera)}")
-    described = [_described(camera) for camera in config.cameras if camera.kind != RECORDED]
-    for text in clear_reach_texts(described, config.avoid, config.extractor) if config.avoid.send else ():
-        warn(text)
-    for text in (*_calibration_texts(config.cameras), *_ignored_texts(config.cameras, found), *_missing_texts(config)):
+    for text in _warnings(config, found):
         warn(text)
     for difference in found:
         print_line(f"  {'safety key: ' if difference.safety else ''}{difference.text()}")
     if not found:
         print_line("  all parameters have their defaults")
+
+
+def _warnings(config: Config, found: Sequence[Difference]) -> Iterator[str]:
+    """What does not make the configuration unusable, but may keep the service from its task."""
+    described = [_described(camera) for camera in config.cameras if camera.kind != RECORDED]
+    if config.avoid.send:
+        yield from clear_reach_texts(described, config.avoid, config.extractor)
+    yield from _calibration_texts(config.cameras)
+    yield from _ignored_texts(config.cameras, found)
+    yield from _missing_texts(config)
 
 
 def lacks_for_run(config: Config) -> list[str]:

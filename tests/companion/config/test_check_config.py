@@ -38,6 +38,7 @@ def test_json_of_a_usable_file(capsys: pytest.CaptureFixture[str]) -> None:
         "ok": True,
         "problems": [],
         "lacks_for_run": ["a [[camera]] of a live kind", "[autopilot] address"],
+        "warnings": [],
         "changes": {},
     }
 
@@ -288,7 +289,10 @@ def test_keys_of_another_kind_are_named(tmp_path: Path, capsys: pytest.CaptureFi
     )
     assert call(str(path)) == 0
     error = capsys.readouterr().err
-    assert '[[camera]] "front": kind "oak" does not use flight, depth_unit_mm; remove that, or correct kind\n' in error
+    text = '[[camera]] "front": kind "oak" does not use flight, depth_unit_mm; remove that, or correct kind'
+    assert f"{text}\n" in error
+    assert call(str(path), "--json") == 0
+    assert text in json.loads(capsys.readouterr().out)["warnings"]
     assert "rear" not in error
 
 
