@@ -1,4 +1,4 @@
-"""Packets as bytes, 128 at most for a TUNNEL message of MAVLink. The layout is in docs/reference/sharing.md."""
+"""Packets as bytes, 128 at most for a TUNNEL message of MAVLink. The layout is in docs/research/packets.md."""
 
 from __future__ import annotations
 

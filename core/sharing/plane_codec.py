@@ -1,4 +1,4 @@
-"""A plane in 11 bytes, or in 14 if it does not fit into them. The layout is in docs/reference/sharing.md.
+"""A plane in 11 bytes, or in 14 if it does not fit into them. The layout is in docs/research/packets.md.
 
 Rounding never makes an obstacle smaller: the decoded plane with its margin contains the encoded one with its margin."""
 

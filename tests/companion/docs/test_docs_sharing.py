@@ -1,4 +1,4 @@
-"""docs/reference/sharing.md states sizes, ranges, limits and codes of the packets that are sent."""
+"""docs/research/packets.md states sizes and ranges of the packets that are sent, docs/reference/sharing.md limits and codes."""
 
 from __future__ import annotations
 
@@ -24,7 +24,9 @@ from core.sharing.records import Header, LocalFrame, SharedMover, SharedPlanes, 
 from drivers.sharing.tunnel import FRAME_BYTES, LINK_ID, PAYLOAD_TYPE, SIGNATURE_BYTES, TUNNEL_ID
 from drivers.sharing.zenoh_link import PACKET_BYTES
 
-PAGE: Final = (Path(__file__).resolve().parents[3] / "docs" / "reference" / "sharing.md").read_text(encoding="utf-8")
+DOCS: Final = Path(__file__).resolve().parents[3] / "docs"
+LAYOUT: Final = (DOCS / "research" / "packets.md").read_text(encoding="utf-8")
+CODES: Final = (DOCS / "reference" / "sharing.md").read_text(encoding="utf-8")
 HEADER: Final = Header(vehicle=7, stream=1_700_000_000, sent_ms=123_456, section=3)
 ANCHOR: Final = (0.0, 0.0, 0.0)
 NONE: Final = SharedPlanes(
@@ -60,8 +62,8 @@ MOVER: Final = SharedMover(
 
 
 def section(title: str) -> str:
-    """Heading and text of the section whose heading begins with `title`."""
-    return next(part for part in PAGE.split("\n## ")[1:] if part.startswith(title))
+    """Heading and text of the section of the layout whose heading begins with `title`."""
+    return next(part for part in LAYOUT.split("\n## ")[1:] if part.startswith(title))
 
 
 def table_bytes(text: str) -> int:
@@ -127,8 +129,8 @@ def test_transports_have_the_stated_limits() -> None:
     assert f"Overhead: {FRAME_BYTES} bytes, {FRAME_BYTES + SIGNATURE_BYTES} with a signature" in text
     assert f"signs with link id {LINK_ID}" in text
     assert f"up to {PACKET_BYTES} bytes" in section("zenoh")
-    assert f"more than {PACKETS_PER_S:g} packets per second of one sender on one link, or {ALL_PER_S:g} of all" in PAGE
-    assert f"beyond {MOST_LOGGED_PER_S} per second" in PAGE
+    assert f"more than {PACKETS_PER_S:g} packets per second of one sender on one link, or {ALL_PER_S:g} of all" in CODES
+    assert f"beyond {MOST_LOGGED_PER_S} per second" in CODES
 
 
 def test_every_code_by_which_a_packet_is_refused_is_documented() -> None:
@@ -142,5 +144,5 @@ def test_every_code_by_which_a_packet_is_refused_is_documented() -> None:
         re.findall(r'PacketError\("(\w+)"', source)
     )
     sent_only = {"too_far", "state_unencodable", "motion_unencodable", "mover_unencodable"}
-    documented = set(re.findall(r"`(\w+)`", section("Codes")))
+    documented = set(re.findall(r"`(\w+)`", CODES))
     assert refused - sent_only - documented == set()
