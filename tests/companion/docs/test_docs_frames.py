@@ -1,4 +1,4 @@
-"""docs/reference/frames.md states limits of jumps, mounts and colours as the code has them."""
+"""docs/reference/frames.md states mounts and colours as the code has them, docs/research the limits of jumps."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from core.types import CameraMount
 from ...conftest import CHECKOUT
 
 PAGE = (CHECKOUT / "docs" / "reference" / "frames.md").read_text(encoding="utf-8")
+JUMPS = (CHECKOUT / "docs" / "research" / "autopilot-measurements.md").read_text(encoding="utf-8")
 LOOKS = {
     "looks 30 degrees down": (math.cos(math.radians(30.0)), 0.0, 0.5),
     "looks to the right": (0.0, 1.0, 0.0),
@@ -26,17 +27,17 @@ LOOKS = {
 
 def test_the_limits_of_jumps_are_those_of_the_code() -> None:
     p, h = position_sections, heading_jumps
-    assert f"{p.JUMP_M:g} m and {p.JUMP_SPEED_M_S:g} m/s times the time between two positions" in PAGE
-    assert f"Without a velocity: {p.JUMP_M:g} m and {p.UNKNOWN_SPEED_M_S:g} m/s times the time" in PAGE
+    assert f"{p.JUMP_M:g} m and {p.JUMP_SPEED_M_S:g} m/s times the time between two positions" in JUMPS
+    assert f"Without a velocity: {p.JUMP_M:g} m and {p.UNKNOWN_SPEED_M_S:g} m/s times the time" in JUMPS
     degrees = math.degrees(h.JUMP_RAD)
-    assert f"{degrees:.2g} degrees, half of the change of the rates" in PAGE
-    assert f"and {0.25 * h.RATE_CHANGE_RAD_S2:g} rad/s² times the square of this time" in PAGE
-    assert f"Without rates: {degrees:.2g} degrees and {h.UNKNOWN_RATE_RAD_S:g} rad/s times the time" in PAGE
+    assert f"{degrees:.2g} degrees, half of the change of the rates" in JUMPS
+    assert f"and {0.25 * h.RATE_CHANGE_RAD_S2:g} rad/s² times the square of this time" in JUMPS
+    assert f"Without rates: {degrees:.2g} degrees and {h.UNKNOWN_RATE_RAD_S:g} rad/s times the time" in JUMPS
     gaps = f"after {h.LONGEST_NS / 1e9:g} s without an attitude, after {p.LONGEST_NS / 1e9:g} s without a position"
     assert gaps in PAGE
     drift = f"added up to {math.degrees(h.DRIFT_RAD):.3g} degrees within {h.WINDOW_NS / 1e9:g} s"
-    assert drift in PAGE
-    assert f"also as a sum over {p.WINDOW_NS / 1e9:g} s" in PAGE
+    assert drift in JUMPS
+    assert f"also as a sum over {p.WINDOW_NS / 1e9:g} s" in JUMPS
 
 
 def test_the_mounts_look_where_the_page_says() -> None:

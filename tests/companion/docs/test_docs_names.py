@@ -86,7 +86,7 @@ def test_a_wrong_key_of_a_printed_configuration_is_found() -> None:
 
 
 def test_the_table_of_stages_names_the_calls_of_the_extractor_and_their_modules() -> None:
-    page = (CHECKOUT / "docs" / "explanation" / "algorithm.md").read_text(encoding="utf-8")
+    page = (CHECKOUT / "CONTRIBUTING.md").read_text(encoding="utf-8")
     rows = [line.split(" | ") for line in page.splitlines() if re.match(r"\| \[\d+ ", line)]
     body = inspect.getsource(Extractor)
     calls = [name.rpartition(".")[2] for row in rows for name in re.findall(r"`([\w.]+)`", row[1])]
