@@ -71,7 +71,13 @@ def _row(f: Field[Any]) -> str:
     else:
         default = f'`"{f.default}"`' if isinstance(f.default, str) else f"`{f.default:g}`"
     meaning = str(f.metadata["doc"]).replace("|", "\\|")
-    return f"| `{f.name}` | {default} | {expected(f)} | {meaning} | {'yes' if is_safety_key(f) else ''} |"
+    return f"| `{f.name}` | {default} | {_range(f)} | {meaning} | {'yes' if is_safety_key(f) else ''} |"
+
+
+def _range(f: Field[Any]) -> str:
+    """What may stand there, shorter than in an error; nothing for a switch, whose default shows its kind."""
+    text = expected(f)
+    return {"true or false": "", "a text in quotes": "text"}.get(text, text.replace("a whole number", "integer"))
 
 
 def with_tables(text: str) -> str:

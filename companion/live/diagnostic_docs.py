@@ -31,8 +31,8 @@ REMEDIES: Final[Mapping[str, Mapping[D, str]]] = {
         D.OPTIONAL_CAMERA_UNAVAILABLE: "the same",
         D.CAMERA_FEW_MEASURED: "check the lens cap, the light, and that objects are farther than `min_range_m`",
         D.CAMERA_RATE_LOW: (
-            "less than 80 % of `fps` for 3 s: use USB 3; no other program may use the camera; automatic exposure in poor "
-            "light can lower the rate. `doctor` after one frame only: more time (`--patience`)"
+            "less than 80 % of `fps` for 3 s: use USB 3; automatic exposure in poor light can lower the rate. `doctor` after "
+            "one frame only: more time (`--patience`)"
         ),
         D.CAMERA_MISALIGNED: (
             "calibrate it with its maker's tool, or use the calibration file of its serial number "
@@ -69,13 +69,11 @@ REMEDIES: Final[Mapping[str, Mapping[D, str]]] = {
         D.UDP_FLOOD: "find the sender; use a signed line",
         D.SIGNING_FAULT: "compare the keys: [signing](../how-to/sign-the-mavlink-line.md)",
         D.DUPLICATE_AUTOPILOT: (
-            "find the second sender; give each vehicle its own system id. Timestamps: also copies that arrive late by "
-            "another route"
+            "find the second sender; give each vehicle its own system id. Also copies that arrive late by another route"
         ),
         D.SEVERAL_VEHICLES: "set `[autopilot] system_id`",
         D.DUPLICATE_OBSTACLE_SOURCE: (
-            'the "clear" of one overwrites the obstacle of the other: switch one off. Do not forward obstacles of another '
-            "vehicle"
+            'the "clear" of one overwrites the obstacle of the other: switch one off, or do not forward its messages'
         ),
         D.DUPLICATE_COMPONENT: "end the second instance of the service, or the other program with component 196",
         D.SYSTEM_ID_MISMATCH: "correct `[autopilot] system_id`",
@@ -91,17 +89,16 @@ REMEDIES: Final[Mapping[str, Mapping[D, str]]] = {
             "(ArduPilot SITL with `AHRS_EKF_TYPE` 10) needs noise (0.00001 rad)"
         ),
         D.ATTITUDE_RATE_LOW: (
-            "below 10 Hz for 3 s, in `doctor` below 80 % of `attitude_hz` too: raise the stream rate of the port (ArduPilot "
-            "`SRn_EXTRA1`, newer `MAVn_EXTRA1`; PX4 `MAV_n_RATE`); another station may reset it; the line may be slow"
+            "below 10 Hz for 3 s, in `doctor` below 80 % of `attitude_hz`: raise the stream rate of the port (ArduPilot "
+            "`SRn_EXTRA1`, newer `MAVn_EXTRA1`; PX4 `MAV_n_RATE`); another station may reset it"
         ),
         D.NO_TIMESYNC: (
-            "all cameras are blind for 10 s after its first message. **Then do not fly**: a [delay of the line above 30 "
-            "ms](../explanation/clock-synchronisation.md#the-autopilots-clock) displaces obstacles in turns. Use MAVLink 2 "
-            "on that port; TIMESYNC must pass all routers in both directions"
+            "**do not fly**: a [delay of the line above 30 ms](../explanation/clock-synchronisation.md#the-autopilots-clock) "
+            "displaces obstacles in turns. Use MAVLink 2 on that port; TIMESYNC must pass all routers in both directions"
         ),
         D.CLOCK_UNCERTAIN: (
-            "above 10 ms: the line is slow or full, or NTP corrects the clock of this computer. Use 921600 baud, or lower "
-            "rates; synchronise the clock before the flight. Until then [frames in fast turns are dropped]"
+            "above 10 ms: the line is slow, or NTP corrects the clock of this computer. Use 921600 baud, or lower rates; "
+            "synchronise the clock before the flight. [Frames in fast turns are dropped]"
             "(../explanation/clock-synchronisation.md#from-attitude-samples-to-a-frame)"
         ),
         D.AUTOPILOT_SAMPLES_LOST: "reduce the load of the computer or the frame rate",
@@ -116,8 +113,8 @@ REMEDIES: Final[Mapping[str, Mapping[D, str]]] = {
         D.PARAMETERS_NOT_WRITTEN: "the text names the cause",
         D.AVOID_MARGIN_UNKNOWN: "set `[avoid] avoid_margin_m` to the value of the vehicle",
         D.NEVER_CLEAR: (
-            "PX4 does not move into it, ArduPilot is sent the artificial wall. The camera's range is shorter than "
-            "`[avoid] max_distance_m`, or its image does not cover the height band: the text gives the value to change"
+            "PX4 does not move into it, ArduPilot is sent the artificial wall: change the value that the text gives "
+            "(`[avoid] max_distance_m`, or the height band)"
         ),
         D.GUARD_UNAVAILABLE: (
             "the text names the cause, see [when nothing is sent](../explanation/guard.md#when-nothing-is-sent)"
@@ -141,8 +138,7 @@ REMEDIES: Final[Mapping[str, Mapping[D, str]]] = {
         D.SHARE_NOT_AUTHENTICATED: "set a signing key, or users or TLS of zenoh",
         D.KERNEL_CACHE_DAMAGED: "nothing to do: they are compiled again",
         D.KERNELS_NOT_COMPILED: (
-            "set `NUMBA_CACHE_DIR` to a folder that this user may write, or correct the permissions of the folder that the "
-            "text names"
+            "correct the permissions of the folder that the text names, or set `NUMBA_CACHE_DIR` to another one"
         ),
     },
 }
