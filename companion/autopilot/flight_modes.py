@@ -24,7 +24,8 @@ class Effect(StrEnum):
     STANDS = "does not move"
     LEANS = "leans away from near obstacles, the pilot can override it"
     STICK = "brakes for the pilot's stick alone"
-    TARGETS = "limits velocity targets, not position targets"
+    TARGETS = "limits level velocity targets, not position targets"
+    LEVEL = "brakes in level flight alone"
     PLANS = "plans around obstacles, and when blind may plan around the artificial wall into unobserved space"
     WRONG_MODE = "does not brake with this MPC_POS_MODE"
     NOTHING = "does not brake"
@@ -37,7 +38,7 @@ _COPTER = {
     7: ("CIRCLE", Effect.NOTHING), 9: ("LAND", Effect.NOTHING), 11: ("DRIFT", Effect.NOTHING),
     13: ("SPORT", Effect.NOTHING), 16: ("POSHOLD", Effect.NOTHING), 17: ("BRAKE", Effect.STANDS),
     20: ("GUIDED_NOGPS", Effect.NOTHING), 21: ("SMART_RTL", Effect.NOTHING), 22: ("FLOWHOLD", Effect.LEANS),
-    23: ("FOLLOW", Effect.BRAKES), 24: ("ZIGZAG", Effect.STICK), 27: ("AUTO_RTL", Effect.NOTHING),
+    23: ("FOLLOW", Effect.LEVEL), 24: ("ZIGZAG", Effect.STICK), 27: ("AUTO_RTL", Effect.NOTHING),
 }  # fmt: skip
 _COPTERS = frozenset({2, 3, 4, 13, 14, 15, 29, 35})
 """MAV_TYPE of ArduCopter and of PX4's multicopters: quadrotor to decarotor, and helicopter. Others do not brake as described here, and
@@ -139,8 +140,10 @@ def mode_fault(vehicle: Vehicle, facts: AutopilotFacts) -> str:
         creeps = ""
         if facts.values.get("AVOID_ACCEL_MAX", 3.0) > 0.0:
             creeps = "; with fewer than 10 targets a second it may creep up to obstacles, unless AVOID_ACCEL_MAX = 0"
-        flies = "with position targets it flies on, also when blind"
-        return f"{name} brakes velocity targets alone: {flies}; {where} stops{unread}{creeps}"
+        flies = "with position targets, and while it climbs or descends, it flies on, also when blind"
+        return f"{name} brakes level velocity targets alone: {flies}; {where} stops{unread}{creeps}"
+    if effect is Effect.LEVEL:
+        return f"{name} {effect}: while it climbs or descends it flies on, also when blind; {where} stops"
     unread = "; or a path planner flies around: OA_TYPE is not known"
     planned = vehicle.autopilot == ARDUPILOT and name in _PLANNED and "OA_TYPE" not in facts.values
     return f"{name} {effect}: neither before obstacles nor when blind; {where} stops{unread if planned else ''}"

@@ -6,8 +6,12 @@ it sets the target to zero; as long as the target is zero there is nothing to ch
 than those 0.2 s, is therefore lowered from its full value at AVOID_ACCEL_MAX: the vehicle creeps on, by a little with each
 target. LOITER is not concerned: there the velocity is computed again from the stick in each step.
 
-Sources: AC_Avoid.cpp (adjust_velocity, adjust_velocity_proximity, limit_accel, calc_backup_velocity_2D) and mode_guided.cpp of
-ArduCopter 4.6.
+Targets that climb or descend: the margin is laid along the velocity, so that only its horizontal part is kept from the wall. With
+AVOID_BEHAVE = 1 a wall counts only if the vehicle would reach it before it could stop. LOITER is not concerned either: there the
+velocity is passed on without its vertical part (AC_Loiter::calc_desired_velocity).
+
+Sources: AC_Avoid.cpp (adjust_velocity, adjust_velocity_proximity, limit_velocity_3D, limit_accel, calc_backup_velocity_2D,
+get_stopping_distance) and mode_guided.cpp of ArduCopter 4.6.
 """
 
 from __future__ import annotations
@@ -34,6 +38,7 @@ class GuidedParams:
     accel_max_m_s2: float = 3.0
     position_gain: float = 1.0
     acceleration_m_s2: float = 2.5
+    stops: bool = False  # AVOID_BEHAVE is 1
 
 
 def sqrt_speed_m_s(distance_m: float, gain: float, acceleration: float) -> float:
@@ -46,6 +51,13 @@ def sqrt_speed_m_s(distance_m: float, gain: float, acceleration: float) -> float
     return math.sqrt(2.0 * acceleration * (distance_m - 0.5 * linear_m))
 
 
+def stopping_distance_m(speed_m_s: float, gain: float, acceleration: float) -> float:
+    """Distance within which the vehicle stops."""
+    if speed_m_s < acceleration / gain:
+        return speed_m_s / gain
+    return 0.5 * acceleration / gain**2 + 0.5 * speed_m_s**2 / acceleration
+
+
 @dataclass(slots=True)
 class GuidedVehicle:
     """`target` as the companion or the ground station sends it, `step` at 400 Hz."""
@@ -53,15 +65,17 @@ class GuidedVehicle:
     params: GuidedParams
     distance_m: float  # to the wall, as received
     speed_m_s: float = 0.0
+    moves_wall: bool = False  # the wall keeps its distance, as the artificial one
     _target: float = 0.0
+    _climb: float = 0.0
     _desired: float = 0.0
     _previous: float = field(default=0.0)
     _limited_s: float = -1e9
     _now_s: float = 0.0
 
-    def target(self, speed_m_s: float) -> None:
-        """A velocity target, towards the wall."""
-        self._target = speed_m_s
+    def target(self, speed_m_s: float, climb_m_s: float = 0.0) -> None:
+        """A velocity target, towards the wall and up or down."""
+        self._target, self._climb = speed_m_s, climb_m_s
 
     def step(self) -> None:
         """One step of avoidance, of the position controller and of the vehicle."""
@@ -71,14 +85,27 @@ class GuidedVehicle:
         change = p.acceleration_m_s2 * STEP_S
         self._desired += max(-change, min(change, self._target - self._desired))
         self.speed_m_s += (self._desired - self.speed_m_s) * STEP_S / 0.2
-        self.distance_m -= self.speed_m_s * STEP_S
+        if not self.moves_wall:
+            self.distance_m -= self.speed_m_s * STEP_S
+
+    def _limited(self, wanted: float) -> float:
+        """The speed towards the wall to which a target is limited; one that is within the margin ends the climb, too."""
+        p, speed = self.params, math.hypot(wanted, self._climb)
+        if wanted <= 0.0:
+            return wanted
+        if p.stops:
+            ahead_m = 0.02 + p.margin_m + stopping_distance_m(speed, p.position_gain, AVOID_ACCEL_M_S2)
+            if ahead_m * wanted / speed < self.distance_m:
+                return wanted
+            if self.distance_m <= p.margin_m:
+                self._climb = 0.0
+                return 0.0
+        room_m = self.distance_m - p.margin_m * wanted / speed
+        return min(wanted, sqrt_speed_m_s(room_m, p.position_gain, AVOID_ACCEL_M_S2))
 
     def _adjusted(self, wanted: float) -> float:
         p, room_m = self.params, self.distance_m - self.params.margin_m
-        safe = wanted
-        if wanted > 0.0:
-            most = sqrt_speed_m_s(room_m, p.position_gain, AVOID_ACCEL_M_S2)
-            safe = 0.0 if room_m <= 0.0 else min(wanted, most)
+        safe = self._limited(wanted)
         if p.backup_speed_m_s > 0.0 and -room_m > p.backup_deadzone_m:
             back = sqrt_speed_m_s(-room_m, p.position_gain, BACKUP_SHARE * AVOID_ACCEL_M_S2)
             safe = min(safe, -min(back, p.backup_speed_m_s))
@@ -95,16 +122,35 @@ class GuidedVehicle:
         return safe
 
 
-def approach(params: GuidedParams, target_m_s: float, interval_s: float, seconds: float = 60.0) -> tuple[float, float]:
+def approach(
+    params: GuidedParams, target_m_s: float, interval_s: float, seconds: float = 60.0, climb_m_s: float = 0.0
+) -> tuple[float, float]:
     """(least distance, distance at the end) of a vehicle 15 m from a wall that gets the same target again and again."""
     vehicle = GuidedVehicle(params, 15.0)
     least_m, next_s = vehicle.distance_m, 0.0
     for step in range(round(seconds / STEP_S)):
         if step * STEP_S >= next_s:
             next_s += interval_s
-            vehicle.target(target_m_s)
+            vehicle.target(target_m_s, climb_m_s)
         vehicle.step()
         least_m = min(least_m, vehicle.distance_m)
         if vehicle.distance_m <= 0.0:
             return vehicle.distance_m, vehicle.distance_m
     return least_m, vehicle.distance_m
+
+
+def speed_at_the_artificial_wall_m_s(
+    params: GuidedParams, target_m_s: tuple[float, float], inside_m: float, hz: float = 10.0
+) -> float:
+    """Greatest horizontal speed after 5 s, of a vehicle that gets the same target (towards the wall, up) again and again before a
+    wall that keeps its distance. inside_m: how much nearer than the margin that is."""
+    vehicle = GuidedVehicle(params, params.margin_m - inside_m, moves_wall=True)
+    fastest, next_s = 0.0, 0.0
+    for step in range(round(10.0 / STEP_S)):
+        if step * STEP_S >= next_s:
+            next_s += 1.0 / hz
+            vehicle.target(*target_m_s)
+        vehicle.step()
+        if step * STEP_S > 5.0:
+            fastest = max(fastest, vehicle.speed_m_s)
+    return fastest

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from .ardupilot_guided import GuidedParams, approach
+from companion.autopilot.failsafe import STOP_INSIDE_M
+
+from .ardupilot_guided import GuidedParams, approach, speed_at_the_artificial_wall_m_s
 
 RARE_S, OFTEN_S = 0.5, 0.1
 
@@ -66,3 +68,27 @@ def test_a_wider_dead_zone_does_not_help() -> None:
         approach(GuidedParams(backup_speed_m_s=0.75, backup_deadzone_m=m), 2.0, RARE_S)[0] for m in (0.1, 0.5)
     )
     assert wide < narrow
+
+
+@pytest.mark.parametrize(
+    ("target_m_s", "slides_m", "stops_m", "slides_m_s", "stops_m_s"),
+    [
+        ((1.0, 0.0), 2.0, 2.0, 0.0, 0.0),
+        ((1.0, 0.25), 1.2, 1.9, 0.02, 0.0),
+        ((1.0, 0.5), 0.7, 1.8, 0.2, 0.0),
+        ((1.0, 1.0), 0.3, 1.7, 0.55, 0.0),
+        ((1.0, 2.0), 0.1, 1.6, 1.0, 0.0),
+        ((0.5, 0.25), 1.2, 1.9, 0.2, 0.0),
+        ((0.5, 0.5), 0.7, 1.8, 0.5, 0.5),
+        ((0.5, 1.0), 0.3, 1.3, 0.5, 0.5),
+    ],
+)
+def test_the_table_of_targets_that_climb_in_the_docs(
+    target_m_s: tuple[float, float], slides_m: float, stops_m: float, slides_m_s: float, stops_m_s: float
+) -> None:
+    """docs/research/autopilot-measurements.md: (forward, up), least distance to a wall and speed before the artificial one."""
+    for stops, least_m, blind_m_s in ((False, slides_m, slides_m_s), (True, stops_m, stops_m_s)):
+        params = GuidedParams(margin_m=2.0, backup_speed_m_s=0.0, stops=stops)
+        assert approach(params, target_m_s[0], OFTEN_S, 40.0, target_m_s[1])[0] == pytest.approx(least_m, abs=0.06)
+        speed_m_s = speed_at_the_artificial_wall_m_s(params, target_m_s, STOP_INSIDE_M)
+        assert speed_m_s == pytest.approx(blind_m_s, abs=0.04)

@@ -40,6 +40,7 @@ COPTER = {
     "POSHOLD": 16,
     "BRAKE": 17,
     "SMART_RTL": 21,
+    "FOLLOW": 23,
     "ZIGZAG": 24,
     "AUTO_RTL": 27,
     "mode 99": 99,
@@ -107,6 +108,15 @@ def test_position_slow_is_flown_by_acceleration_whatever_mpc_pos_mode_is(
     slow = vehicle("PX4", PX4["Position Slow"])
     assert (mode_of(slow, facts)[1] is Effect.BRAKES) == brakes
     assert (mode_fault(slow, facts) == "") == brakes
+
+
+def test_velocities_with_a_vertical_part_are_not_said_to_be_limited() -> None:
+    """AC_Avoid::limit_velocity_3D lays the margin along the velocity: tests/drivers/test_ardupilot_guided.py. LOITER leaves the
+    vertical part out."""
+    for name in ("GUIDED", "FOLLOW"):
+        text = mode_fault(vehicle("ArduPilot", COPTER[name]), AutopilotFacts(kind="ArduPilot"))
+        assert "while it climbs or descends" in text
+        assert "also when blind" in text
 
 
 def test_the_legs_that_zigzag_flies_by_itself_do_not_brake() -> None:
