@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.mavlink.ardupilot_faces import READ_BEFORE, face_of
 from drivers.mavlink.dialect import dialect
 from drivers.mavlink.session_types import ARDUPILOT, PX4
 
@@ -20,6 +21,8 @@ from .polar_histogram import SECTORS, SectorScan, SectorState
 
 UNKNOWN = 65535
 BODY_FRD = dialect.MAV_FRAME_BODY_FRD
+FACE = np.array([face_of(360.0 / SECTORS * i) for i in range(SECTORS)])
+"""(72,) ArduPilot's face of each element."""
 SENSOR_UNKNOWN = dialect.MAV_DISTANCE_SENSOR_UNKNOWN
 """There is no value for stereo."""
 
@@ -93,6 +96,24 @@ def for_coarse_bins(values: NDArray[np.uint16], clear: int, reach: BrakingReach)
     return out
 
 
+def for_empty_faces(values: NDArray[np.uint16], clear: int, may_be_px4: bool) -> NDArray[np.uint16]:
+    """Returns the values for ArduPilot, with the farthest distance in an empty face that would open its fence.
+
+    Its fence is then nowhere beyond an obstacle. To PX4, which moves into sectors with a value, no unknown element changes."""
+    out = values.copy()
+    occupied = values < clear
+    for first, empty, third in READ_BEFORE:
+        beside = occupied[first == FACE].any() and occupied[third == FACE].any()
+        if not beside or occupied[empty == FACE].any():
+            continue
+        places = np.flatnonzero((empty == FACE) & (values == clear))
+        if not len(places) and not may_be_px4:
+            places = np.flatnonzero(empty == FACE)
+        if len(places):
+            out[places[len(places) // 2]] = clear - 2
+    return out
+
+
 def for_front_face(values: NDArray[np.uint16], clear: int) -> NDArray[np.uint16]:
     """Returns the values for ArduPilot, which reads the sectors in one pass.
 
@@ -128,7 +149,9 @@ def for_reader(
     if autopilot != ARDUPILOT:
         near = only_near(always_sent_cm(avoid)) if reach is None else reach
         values = for_coarse_bins(values, clear, near if autopilot == PX4 else only_near(clear))
-    return values if autopilot == PX4 else for_front_face(values, clear)
+    if autopilot == PX4:
+        return values
+    return for_front_face(for_empty_faces(values, clear, PX4 in autopilot), clear)
 
 
 def obstacle_distance_message(values: NDArray[np.uint16], time_us: int, avoid: AvoidParams) -> Any:

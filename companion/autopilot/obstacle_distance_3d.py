@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.mavlink.ardupilot_faces import FACES, READ_BEFORE
 from drivers.mavlink.dialect import dialect
 
 from ..config.avoidance import AvoidParams
@@ -26,7 +27,7 @@ LAYERS_RAD = tuple(
 )
 """Elevations of the layers without the middle one, half a degree inside of their borders, so that rounding puts no
 point into the next layer."""
-FACES, FACE_RAD = 8, math.tau / 8
+FACE_RAD = math.tau / FACES
 PLACES = 65
 _ALONG = np.linspace(0.0, 1.0, PLACES)
 NO_ID = 65535
@@ -43,7 +44,7 @@ def level_points(values: NDArray[np.uint16], avoid: AvoidParams) -> NDArray[np.f
 
 def other_points(views: Sequence[View], avoid: AvoidParams) -> NDArray[np.float64]:
     """Returns the nearest point of any plane in each layer except the middle one and in each of eight faces, (N, 3) m
-    in level.
+    in level, and the farthest point in empty faces that would open ArduPilot's fence.
 
     The distance of a point is that from the hull, less the margin of the plane."""
     found = [_points_of(view, avoid) for view in views if view.model.valid and len(view.model.planes)]
@@ -54,13 +55,29 @@ def other_points(views: Sequence[View], avoid: AvoidParams) -> NDArray[np.float6
     order = np.argsort(-range_m, kind="stable")  # the nearest one is assigned last and is kept
     nearest = np.full((len(LAYERS_RAD), FACES), -1)
     nearest[layer[order], face[order]] = order
+    nearest[range_m[nearest] >= avoid.max_distance_m] = -1
     kept = nearest[nearest >= 0]
-    kept = kept[range_m[kept] < avoid.max_distance_m]
     sent_m = np.maximum(range_m[kept], avoid.min_distance_m + 0.01)
-    flat_m = sent_m * np.cos(elevation[kept])
-    return np.column_stack(
-        [flat_m * np.cos(azimuth[kept]), flat_m * np.sin(azimuth[kept]), -sent_m * np.sin(elevation[kept])]
-    )
+    return np.concatenate([_places_at(sent_m, azimuth[kept], elevation[kept]), _in_empty_faces(nearest >= 0, avoid)])
+
+
+def _in_empty_faces(occupied: NDArray[np.bool_], avoid: AvoidParams) -> NDArray[np.float64]:
+    """Returns the farthest point, (N, 3), in each empty face that would open ArduPilot's fence. occupied: (layers, faces)."""
+    found = [
+        (avoid.max_distance_m - 0.01, FACE_RAD * empty, 0.5 * (bottom + top))
+        for layer, (bottom, top) in enumerate(LAYERS_RAD)
+        for first, empty, third in READ_BEFORE
+        if occupied[layer, [first, third]].all() and not occupied[layer, empty]
+    ]
+    return _places_at(*np.array(found).reshape(-1, 3).T)
+
+
+def _places_at(
+    range_m: NDArray[np.float64], azimuth: NDArray[np.float64], elevation: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Returns the places, (N, 3), at ranges, azimuths and elevations, (N,) each."""
+    flat_m = range_m * np.cos(elevation)
+    return np.column_stack([flat_m * np.cos(azimuth), flat_m * np.sin(azimuth), -range_m * np.sin(elevation)])
 
 
 def _points_of(view: View, avoid: AvoidParams) -> tuple[NDArray[np.int64], *tuple[NDArray[np.float64], ...]]:

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from drivers.mavlink.ardupilot_faces import FACES, face_of
+from drivers.mavlink.ardupilot_faces import FACES, READ_BEFORE, face_of
 from drivers.mavlink.dialect import dialect
 from drivers.simulation.firmware_models.ardupilot import ArduPilotReader, loiter_speed_m_s
 
@@ -61,6 +61,9 @@ def test_the_fence_is_nowhere_beyond_the_received_obstacles(
     """Who stops is let no nearer than that; what pushes the vehicle from behind is another matter. Who slides is limited by
     one line of the fence after the other: sliding along one may lead towards one that was looked at before."""
     faces = {**others, face_of(angle_deg): min(distance_m, others.get(face_of(angle_deg), math.inf))}
+    for first, empty, third in READ_BEFORE:  # as they are sent, see the next test
+        if first in faces and third in faces:
+            faces.setdefault(empty, 12.0)
     reader = reader_of(faces, slides=slides)
     assert reader.room_m(angle_deg, NS) <= distance_m - reader.margin_m + 1e-6
     wanted = (3.0 * math.cos(math.radians(angle_deg)), 3.0 * math.sin(math.radians(angle_deg)))
@@ -69,6 +72,26 @@ def test_the_fence_is_nowhere_beyond_the_received_obstacles(
     if not slides:
         towards = (forward * wanted[0] + right * wanted[1]) / 3.0
         assert towards <= max(0.0, loiter_speed_m_s(distance_m - reader.margin_m)) + 1e-9
+
+
+@pytest.mark.parametrize(
+    ("faces", "angle_deg", "fence_m"),
+    [
+        ({1: 4.0, 7: 10.0}, 30.0, 7.56),
+        ({1: 4.0, 7: 10.0, 0: 12.0}, 30.0, 3.83),
+        ({1: 2.0, 7: 10.0}, 30.0, 5.61),
+        ({0: 4.0, 6: 10.0}, 0.0, 5.28),
+        ({0: 4.0, 6: 10.0, 7: 12.0}, 0.0, 3.70),
+        ({7: 4.0, 1: 10.0}, 330.0, 3.83),  # face 1 is read before face 7
+    ],
+)
+def test_a_face_that_is_read_later_opens_the_fence_beyond_an_empty_one(
+    faces: dict[int, float], angle_deg: float, fence_m: float
+) -> None:
+    """docs/research/autopilot-measurements.md: its corner replaces that of a nearer obstacle, unless the face between them has a
+    distance."""
+    reader = reader_of(faces, backs_up=False)
+    assert reader.room_m(angle_deg, NS) + reader.margin_m == pytest.approx(fence_m, abs=0.01)
 
 
 @given(

@@ -12,6 +12,10 @@ Fence: between two faces, 22.5 degrees beside their middles, stands a corner at 
 between neighbouring corners are the fence. A wall received in one face is therefore nearer in its middle (by the cosine of
 22.5 degrees) and closes the faces beside it; walls in two faces close the one between them.
 
+The corners are set with each face, in the order in which the faces are set, by what is known then. A face that is set also sets
+the corner beyond an empty neighbour. Where the face beyond that neighbour was set before, as 0 before 6 and 1 before 7, its
+corner is replaced by that of the later face, which may be farther: the fence then is beyond an obstacle.
+
 Sources: AP_Proximity_MAV.cpp (handle_obstacle_distance_msg), AP_Proximity_Boundary_3D.cpp (set_face_attributes, update_boundary,
 convert_obstacle_num_to_face), LowPassFilter.cpp (DigitalLPF::apply) and AC_Avoid.cpp (adjust_velocity_proximity) of 4.1 and later.
 Not modelled: PRX_IGN_GND, PRX1_MIN, PRX1_MAX, PRX1_ORIENT, PRX1_YAW_CORR, several proximity sensors. The fence of the firmware
@@ -35,6 +39,8 @@ FILTER_FORGETS_NS = NS
 """PROXIMITY_FILT_RESET_TIME."""
 NEAREST_CORNER_M = 0.6
 """PROXIMITY_BOUNDARY_DIST_MIN."""
+FARTHEST_CORNER_M = 100.0
+"""PROXIMITY_BOUNDARY_DIST_DEFAULT."""
 BACKUP_DEADZONE_M = 0.1
 """Default of AVOID_BACKUP_DZ: within the margin by less than this it does not back away."""
 
@@ -76,6 +82,7 @@ class ArduPilotReader:
         self._received_m: list[float] = [math.inf] * FACES
         self._smooth_m: list[float] = [math.inf] * FACES
         self._at_ns: list[int | None] = [None] * FACES
+        self._corners_m: list[float] = [FARTHEST_CORNER_M] * FACES
         self._newest_ns: int | None = None
 
     # ---- received values ----------------------------------------------------------------------------------------------
@@ -94,7 +101,8 @@ class ArduPilotReader:
                 distance_m = min(distance_m, settings.pop()[1])
             settings.append((face, distance_m))
         if not self.one_pass:
-            settings = [(face, min(m for other, m in settings if other == face)) for face in {f for f, _ in settings}]
+            faces = sorted({face for face, _ in settings})
+            settings = [(face, min(m for other, m in settings if other == face)) for face in faces]
         self._set_faces(settings, now_ns)
 
     def take_faces(self, faces_m: list[float], now_ns: int) -> None:
@@ -109,6 +117,24 @@ class ArduPilotReader:
             self._received_m[face] = measured_m
             self._smooth_m[face] = self._smoothed(face, measured_m, now_ns)
             self._at_ns[face] = now_ns
+            self._set_corners(face)
+
+    def _set_corners(self, face: int) -> None:
+        """Sets the corners that a face has a part in, and those beyond an empty face beside it (update_boundary). Corner k is
+        between the faces k and k + 1."""
+        after, before, beyond = ((face + step) % FACES for step in (1, -1, -2))
+        nearest_m = max(NEAREST_CORNER_M, min(self._filtered_m(face), self._filtered_m(after)))
+        self._corners_m[face] = nearest_m
+        if math.isinf(self._received_m[after]):
+            self._corners_m[after] = nearest_m
+        nearest_m = min(self._filtered_m(before), self._filtered_m(face))
+        self._corners_m[before] = nearest_m
+        if math.isinf(self._received_m[beyond]):
+            self._corners_m[beyond] = nearest_m
+
+    def _filtered_m(self, face: int) -> float:
+        """Filtered distance of a face; inf: it has none."""
+        return self._smooth_m[face] if math.isfinite(self._received_m[face]) else math.inf
 
     def _smoothed(self, face: int, measured_m: float, now_ns: int) -> float:
         before_ns = self._at_ns[face]
@@ -132,14 +158,10 @@ class ArduPilotReader:
         """The lines it keeps AVOID_MARGIN from, x ahead and y to the right."""
         if not self.healthy(now_ns):
             return []
-        d = [
-            smooth if math.isfinite(received) else math.inf
-            for smooth, received in zip(self._smooth_m, self._received_m, strict=True)
-        ]
-        corners = [_corner(k, _corner_m(d, k)) for k in range(FACES)]
+        corners = [_corner(k, corner_m) for k, corner_m in enumerate(self._corners_m)]
         lines = []
         for k in range(FACES):  # the line over face k + 1
-            if any(math.isfinite(d[(k + step) % FACES]) for step in range(3)):
+            if any(math.isfinite(self._received_m[(k + step) % FACES]) for step in range(3)):
                 lines.append((corners[k], corners[(k + 1) % FACES]))
         return lines
 
@@ -187,16 +209,9 @@ def _at_least(wanted_m_s: float, back_m_s: float) -> float:
     return max(wanted_m_s, back_m_s) if back_m_s > 0.0 else min(wanted_m_s, back_m_s) if back_m_s < 0.0 else wanted_m_s
 
 
-def _corner_m(d: list[float], k: int) -> float:
-    """Distance of the corner between faces k and k + 1: the nearer of both; of neither, that of the ones beside them."""
-    both = min(d[k], d[(k + 1) % FACES])
-    beside = min(d[(k - 1) % FACES], d[(k + 2) % FACES])
-    return max(NEAREST_CORNER_M, both if math.isfinite(both) else beside)
-
-
 def _corner(k: int, distance_m: float) -> Point:
     along = _unit(2.0 * HALF_FACE_RAD * k + HALF_FACE_RAD)
-    return (distance_m * along[0], distance_m * along[1]) if math.isfinite(distance_m) else (math.inf, math.inf)
+    return distance_m * along[0], distance_m * along[1]
 
 
 def _unit(angle_rad: float) -> Point:

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from companion.autopilot.obstacle_distance import UNKNOWN, clear_cm, for_front_face, obstacle_distance_message
+from companion.autopilot.obstacle_distance import UNKNOWN, for_reader, obstacle_distance_message
 from companion.autopilot.obstacle_distance_3d import NO_POINTS, level_points, obstacle_points_messages, other_points
 from companion.autopilot.sender import messages_of
 from companion.autopilot.view_free import View
@@ -43,9 +43,9 @@ def read(points_m: np.ndarray, avoid: AvoidParams = AVOID, at_once: bool = False
 
 @given(st.lists(st.sampled_from([21, 150, 777, 1199, 1201, UNKNOWN]), min_size=72, max_size=72), st.booleans())
 def test_the_middle_layer_equals_obstacle_distance(cm: list[int], at_once: bool) -> None:
-    values = np.array(cm, np.uint16)
+    values = for_reader(np.array(cm, np.uint16), AVOID, "ArduPilot")
     flat = ArduPilotReader()
-    flat.read(obstacle_distance_message(for_front_face(values, clear_cm(AVOID)), 0, AVOID), MS)
+    flat.read(obstacle_distance_message(values, 0, AVOID), MS)
     layers = read(level_points(values, AVOID), at_once=at_once).layers_m(MS)
     assert layers[MIDDLE] == pytest.approx(flat.faces_m(MS), abs=1e-5)
     assert all(m == math.inf for layer in (0, 1, 3, 4) for m in layers[layer])
@@ -92,6 +92,19 @@ def test_nothing_above_or_below_is_lost(
             if nearest[layer, face] < avoid.max_distance_m - 0.4:
                 assert report[layer][face] <= max(nearest[layer, face], avoid.min_distance_m + 0.01) + 0.01
     assert report[MIDDLE] == [math.inf] * 8  # is sent by the sectors alone
+
+
+@pytest.mark.parametrize(("near", "far", "empty"), [(45.0, 315.0, 0), (0.0, 270.0, 7)])
+def test_an_empty_face_that_would_open_the_fence_of_a_layer_gets_the_farthest_distance(
+    near: float, far: float, empty: int
+) -> None:
+    """As in the middle layer: tests/companion/autopilot/test_sectors_autopilots.py."""
+    planes = [(*wall_at(near, 4.0)[:4], -4.0, -3.0), (*wall_at(far, 7.0)[:4], -6.0, -5.0)]
+    report = read(other_points([View(model(*planes), HERE)], AVOID)).layers_m(MS)
+    assert report[3][empty] == pytest.approx(AVOID.max_distance_m - 0.01)
+    assert [m for layer in report for m in layer].count(math.inf) == LAYERS * 8 - 3
+    alone = read(other_points([View(model(*planes[:1]), HERE)], AVOID)).layers_m(MS)
+    assert alone[3][empty] == math.inf
 
 
 def test_a_branch_above_the_band_is_sent_in_the_upper_layer_and_not_ahead() -> None:

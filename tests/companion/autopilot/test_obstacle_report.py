@@ -69,7 +69,7 @@ def test_beside_a_camera_that_sees_one_that_was_never_described_may_look_anywher
     chain.fly(1.0)
     values = chain.report(ARDUPILOT).values
     assert values is not None
-    assert (values[0:7] == 1201).all()
+    assert sorted(values[0:7]) == [1199] + 6 * [1201]  # the farthest distance, in an empty face between two walls
     assert (values[9:63] == WALL).all()
 
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from companion.autopilot.failsafe import AutopilotNow, BlindPolicy, PolicyInput, policy_of
@@ -24,6 +24,7 @@ from companion.autopilot.obstacle_distance import (
     obstacle_distance_message,
     only_near,
 )
+from companion.autopilot.obstacle_distance_3d import level_points, obstacle_points_messages
 from companion.autopilot.obstacle_memory import nothing_remembered
 from companion.autopilot.polar_histogram import SECTORS, SectorScan, SectorState, scan
 from companion.autopilot.view_free import View
@@ -31,6 +32,7 @@ from companion.config.avoidance import AvoidParams
 from core.types import Ground
 from drivers.mavlink.ardupilot_faces import face_of
 from drivers.simulation.firmware_models.ardupilot import ArduPilotReader
+from drivers.simulation.firmware_models.ardupilot_layers import ArduPilotLayers
 from drivers.simulation.firmware_models.px4 import Px4Reader
 
 from ..sector_models import AVOID, HERE, NS, model, wall_at
@@ -105,6 +107,49 @@ def test_the_nearer_half_of_the_front_face_counts_whatever_the_low_pass(
     for tenth in range(10):
         reader.read(message_of(scan([View(model(*planes, free_to_m=13.0), HERE)], AVOID)), NS + tenth * NS // 10)
     assert reader.room_m(0.0, 2 * NS - NS // 10) < 3.0 - reader.margin_m
+
+
+@given(
+    st.dictionaries(st.integers(0, 71), st.integers(70, 1199), min_size=1, max_size=8),
+    st.sampled_from(
+        [("ArduPilot", UNKNOWN), ("ArduPilot", 1201), ("autopilot 8", UNKNOWN), ("ArduPilot or PX4", 1201)]
+    ),
+    st.booleans(),
+)
+@example({6: 400, 66: 1000}, ("ArduPilot", 1201), False)
+@example({2: 400, 54: 1000}, ("ArduPilot", 1201), False)
+@example({2: 400, 54: 1000}, ("ArduPilot", UNKNOWN), True)
+def test_the_fence_of_ardupilot_is_beyond_no_obstacle_whatever_is_beside_it(
+    nearest_cm: dict[int, int], case: tuple[str, int], points: bool
+) -> None:
+    """The fence of a face is moved outwards by a face that is read later, where the one between them is empty: obstacles at 30
+    degrees on the right, 4 m away, and on the left, 10 m away, made a fence that is 7.6 m away at 30 degrees."""
+    autopilot, elsewhere = case
+    values = np.full(SECTORS, elsewhere, np.uint16)
+    values[list(nearest_cm)] = list(nearest_cm.values())
+    sent = for_reader(values, AVOID, autopilot)
+    reader = ArduPilotReader(backs_up=False)
+    if points:
+        layers = ArduPilotLayers(reader)
+        for k in range(2):
+            for message in obstacle_points_messages(level_points(sent, AVOID), 1000 + k, AVOID):
+                layers.read(message, NS)
+    else:
+        reader.read(obstacle_distance_message(sent, 0, AVOID), NS)
+    for sector, cm in nearest_cm.items():
+        assert reader.room_m(5.0 * sector, NS) <= cm / 100.0 - reader.margin_m + 1e-6
+
+
+@pytest.mark.parametrize(
+    ("autopilot", "filled"), [("ArduPilot", 1199), ("autopilot 8", 1199), ("ArduPilot or PX4", UNKNOWN)]
+)
+def test_no_unknown_sector_gets_a_value_where_the_autopilot_may_be_px4(autopilot: str, filled: int) -> None:
+    """PX4 moves into a sector with a value."""
+    values = np.full(SECTORS, UNKNOWN, np.uint16)
+    values[[2, 54]] = 400, 1000
+    sent = for_reader(values, AVOID, autopilot)[[face_of(5.0 * i) == 7 for i in range(SECTORS)]]
+    assert sent.min() == filled
+    assert (sent != UNKNOWN).sum() == (filled != UNKNOWN)
 
 
 def test_a_clear_field_stops_no_vehicle_and_an_unseen_one_stops_px4() -> None:
