@@ -50,8 +50,14 @@ def ardupilot_faults(v: Mapping[str, float], avoid: AvoidParams) -> list[Paramet
 def _sensor_faults(v: Mapping[str, float]) -> list[ParameterFault]:
     """Returns the fault of ArduPilot's proximity sensors. Another sensor is reported and not replaced."""
     first, second = v.get("PRX1_TYPE", MAVLINK_SENSOR), v.get("PRX2_TYPE", 0.0)
-    if first == MAVLINK_SENSOR:
+    if first == MAVLINK_SENSOR and second in (0.0, MAVLINK_SENSOR):
         return []
+    if first == MAVLINK_SENSOR:
+        text = (
+            f"ArduPilot forgets what the second proximity sensor (PRX2_TYPE = {second:g}) measured with each message of this service, "
+            "until it measures again; set PRX2_TYPE to 0, or do not rely on that sensor"
+        )
+        return [ParameterFault(text, "PRX2_TYPE")]
     if second == MAVLINK_SENSOR:
         text = (
             "PRX2_TYPE = 2: it reads obstacles as second proximity sensor, whose parameters (PRX2_...) are not checked here; make "
@@ -60,7 +66,7 @@ def _sensor_faults(v: Mapping[str, float]) -> list[ParameterFault]:
         return [ParameterFault(text, "PRX1_TYPE")]
     if first != 0.0:
         text = (
-            f"ArduPilot does not read obstacles: PRX1_TYPE = {first:g} is another sensor; make it the second one (PRX2_TYPE), set "
+            f"ArduPilot does not read obstacles: PRX1_TYPE = {first:g} is another sensor; remove it or choose between both: set "
             "PRX1_TYPE to 2 (MAVLink) and restart the autopilot"
         )
         return [ParameterFault(text, "PRX1_TYPE")]

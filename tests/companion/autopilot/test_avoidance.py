@@ -85,7 +85,8 @@ def test_a_parameter_without_an_answer_is_requested_again_and_reported() -> None
         (ARDUPILOT, {"PRX_FILT": 0.25}, "delays an approaching obstacle by 0.6 s: PRX_FILT = 0.25 Hz"),
         (ARDUPILOT, {"RC3_OPTION": 40.0}, "turns proximity avoidance off: RC3_OPTION = 40"),
         (ARDUPILOT, {"PRX1_TYPE": 0.0}, "does not read obstacles: PRX1_TYPE = 0"),
-        (ARDUPILOT, {"PRX1_TYPE": 5.0}, "PRX1_TYPE = 5 is another sensor; make it the second one"),
+        (ARDUPILOT, {"PRX1_TYPE": 5.0}, "PRX1_TYPE = 5 is another sensor; remove it or choose"),
+        (ARDUPILOT, {"PRX1_TYPE": 2.0, "PRX2_TYPE": 5.0}, "forgets what the second proximity sensor (PRX2_TYPE = 5)"),
         (
             ARDUPILOT,
             {"PRX1_TYPE": 5.0, "PRX2_TYPE": 2.0},
