@@ -8,7 +8,7 @@ There are three policies, by the behaviour of the autopilot:
   without end; towards a farther one it creeps.
 - `brake`, for PX4 if CP_DIST is known: for `silence_s` after any sector became blind, an artificial wall just outside
   of CP_DIST is sent in all 72 sectors. After that the sectors of blind cameras are "unknown", or nothing is sent if
-  all cameras are blind, which makes PX4 change to Hold. Without data PX4 v1.16 coasts (13 m from 5 m/s); before a
+  all cameras are blind, which makes PX4 change to Hold (with system id 1 alone). Without data PX4 v1.16 coasts (13 m from 5 m/s); before a
   wall at CP_DIST it brakes. From a wall nearer than CP_DIST v1.16 flies backwards, and along a wall in front alone it
   slides sideways. The wall is therefore never nearer, is in all sectors, and also replaces nearer obstacles that
   other cameras see.

@@ -78,7 +78,7 @@ class AvoidParams:
         0.5,
         10.0,
         "s",
-        "PX4: time of blindness after which nothing more is sent and PX4 changes to Hold; duration of its wall",
+        "PX4: time of blindness after which nothing more is sent and PX4 (MAV_SYS_ID 1) changes to Hold; duration of its wall",
     )
     stop_hold_s: float = critical(
         3.0,

@@ -24,10 +24,10 @@ HOLD_NS = 5 * NS
 
 
 class Px4Reader:
-    """Obstacle map of one PX4. bin_deg: 5 (v1.16) or 10 (up to v1.15). cp_dist_m: CP_DIST."""
+    """Obstacle map of one PX4. bin_deg: 5 (v1.16) or 10 (up to v1.15). cp_dist_m: CP_DIST. system_id: MAV_SYS_ID."""
 
-    def __init__(self, bin_deg: int = 5, cp_dist_m: float = 2.0) -> None:
-        self.bin_deg, self.cp_dist_m = bin_deg, cp_dist_m
+    def __init__(self, bin_deg: int = 5, cp_dist_m: float = 2.0, system_id: int = 1) -> None:
+        self.bin_deg, self.cp_dist_m, self.system_id = bin_deg, cp_dist_m, system_id
         count = 360 // bin_deg
         self._cm = [UNKNOWN] * count
         self.ranges_cm = [0] * count
@@ -37,14 +37,15 @@ class Px4Reader:
 
     def read(self, message: Any, now_ns: int) -> None:
         """Takes an OBSTACLE_DISTANCE. A message in another frame than MAV_FRAME_BODY_FRD is ignored."""
-        if message.frame != dialect.MAV_FRAME_BODY_FRD or message.increment_f <= 0.0:
+        step_deg = message.increment_f if message.increment_f > 0.0 else float(message.increment)
+        if message.frame != dialect.MAV_FRAME_BODY_FRD or step_deg <= 0.0:
             return
         self._newest_ns = now_ns
         self.min_cm = min(self.min_cm, message.min_distance)
         cached = self.bins_cm(now_ns)
         for i in range(len(self._cm)):
             at = (i * self.bin_deg - message.angle_offset) % 360.0
-            value = message.distances[math.ceil(at / message.increment_f)]
+            value = message.distances[math.ceil(at / step_deg)]
             if value != UNKNOWN and _accepts(cached[i], self.ranges_cm[i], value, message.max_distance):
                 self._cm[i], self.ranges_cm[i], self.updated_ns[i] = value, message.max_distance, now_ns
 
@@ -63,8 +64,9 @@ class Px4Reader:
         return fresh and any(cm != UNKNOWN for cm in self.bins_cm(now_ns))
 
     def holds(self, now_ns: int) -> bool:
-        """Whether PX4 has switched to Hold because no data came for 5 s."""
-        return not self.has_data(now_ns) and (self._newest_ns is None or now_ns - self._newest_ns > HOLD_NS)
+        """Whether PX4 has switched to Hold because no data came for 5 s. It sends that command to system 1."""
+        silent = self._newest_ns is None or now_ns - self._newest_ns > HOLD_NS
+        return self.system_id == 1 and silent and not self.has_data(now_ns)
 
     def feasible(self, index: int, now_ns: int) -> bool:
         """Whether PX4 permits movement into bin `index`: it has data. CP_GO_NO_DATA is 0, its default."""

@@ -40,6 +40,8 @@ class Px4Params:
     mpc_tiltmax_air_deg: float = 45.0
     # the bin of a direction is the nearest one instead of the one below (v1.16 exists in both forms)
     round_index: bool = False
+    # the same for the direction across the nearest obstacle alone, as in the development version of 2026
+    round_across: bool = False
 
     @property
     def most_acceleration_m_s2(self) -> float:
@@ -84,15 +86,14 @@ class CollisionMap:
         angle = np.radians(np.arange(len(self.cm)) * self.reader.bin_deg)
         self.axes = np.stack([np.cos(angle), np.sin(angle)], axis=1)
 
-    def index(self, v: Vector) -> int:
-        """Bin of a direction."""
-        at = direction_deg(v) / self.reader.bin_deg
-        return (math.floor(at + 0.5) if self.params.round_index else math.floor(at)) % len(self.cm)
+    def index(self, v: Vector, rounds: bool) -> int:
+        """Bin of a direction. rounds: the nearest one instead of the one below."""
+        return math.floor(direction_deg(v) / self.reader.bin_deg + (0.5 if rounds else 0.0)) % len(self.cm)
 
     def guided(self, direction: Vector) -> tuple[Vector, int]:
         """(direction, bin) after the guidance of CP_GUIDE_ANG: the bin nearby with the least cost of turning and of near
         obstacles."""
-        own, count = self.index(direction), len(self.cm)
+        own, count = self.index(direction, self.params.round_index), len(self.cm)
         reach = math.floor(self.params.cp_guide_ang_deg / self.reader.bin_deg)
         keep_cm = 100.0 * self.reader.cp_dist_m
         best, best_cost = own, 9999.0
@@ -222,7 +223,8 @@ class AccelerationPositionMode:
             return direction
         normal = towards * float(direction @ towards)
         across = direction - normal
-        across_m = here.cm[here.index(across)] / 100.0 if float(np.hypot(*across)) > 1e-7 else 0.0
+        rounds = self.params.round_index or self.params.round_across
+        across_m = here.cm[here.index(across, rounds)] / 100.0 if float(np.hypot(*across)) > 1e-7 else 0.0
         out: Vector = across * self._scale(across_m) + normal * self._scale(here.cm[nearest] / 100.0)
         return out
 
