@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import replace
+from typing import Any
 
+from .dialect import dialect
 from .session_types import Vehicle
 
 NS = 1_000_000_000
@@ -16,6 +18,26 @@ EMPTIED_NS = NS // 2
 newest."""
 LATE_COPY_NS, _MOST = 10_000_000_000, 64
 """A network or a second route may deliver a heartbeat again for this long; greatest number of heartbeats that are kept for it."""
+
+
+NO_VEHICLES = frozenset(
+    {
+        dialect.MAV_TYPE_ANTENNA_TRACKER,
+        dialect.MAV_TYPE_GCS,
+        dialect.MAV_TYPE_ONBOARD_CONTROLLER,
+        dialect.MAV_TYPE_GIMBAL,
+        dialect.MAV_TYPE_ADSB,
+        dialect.MAV_TYPE_CAMERA,
+        dialect.MAV_TYPE_CHARGING_STATION,
+    }
+)
+"""MAV_TYPE of what does not fly, and may nevertheless have component 1. ArduPilot's antenna tracker has an attitude of its own."""
+
+
+def is_of_a_vehicle(heartbeat: Any) -> bool:
+    """Returns whether a HEARTBEAT is of the autopilot of a vehicle."""
+    is_autopilot = heartbeat.autopilot != dialect.MAV_AUTOPILOT_INVALID and int(heartbeat.type) not in NO_VEHICLES
+    return bool(is_autopilot and heartbeat.get_srcComponent() == dialect.MAV_COMP_ID_AUTOPILOT1)
 
 
 class Heartbeats:

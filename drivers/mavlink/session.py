@@ -16,7 +16,7 @@ from .bandwidth import LinkBudget, budget_of
 from .clock_sync import NS, ClockFilter, ClockSource
 from .conflicts import ConflictDetector
 from .dialect import dialect
-from .heartbeats import Arrivals, Heartbeats
+from .heartbeats import Arrivals, Heartbeats, is_of_a_vehicle
 from .motion import MOTION, MotionDecoder
 from .outbox import OBSTACLE_IDS, Outbox
 from .parser import MAVLINK1, Frame, MessageSplitter
@@ -36,8 +36,9 @@ from .timesync import TimeSync
 from .transport import Chunk, Source
 
 AUTOPILOTS = {dialect.MAV_AUTOPILOT_ARDUPILOTMEGA: ARDUPILOT, dialect.MAV_AUTOPILOT_PX4: PX4}
-SILENT_NS = 3 * NS
-"""Without messages for this long an autopilot counts as disconnected; another one may take its place."""
+SILENT_NS, IN_FLIGHT_NS = 3 * NS, 300 * NS
+"""Without messages for this long an autopilot counts as disconnected, and another one may take its place; the latter for one that was
+armed: it may still receive, and must get no obstacles by the attitude of another one."""
 _READ = frozenset({dialect.MAVLINK_MSG_ID_HEARTBEAT, dialect.MAVLINK_MSG_ID_COMMAND_ACK})
 MOST_SOURCES = 16
 BROADCAST = 0
@@ -243,7 +244,7 @@ class MavlinkSession:
 
     def _heartbeat(self, m: Any, arrival_ns: int) -> None:
         system = m.get_srcSystem()
-        if m.autopilot == dialect.MAV_AUTOPILOT_INVALID or m.get_srcComponent() != dialect.MAV_COMP_ID_AUTOPILOT1:
+        if not is_of_a_vehicle(m):
             return
         if system == BROADCAST:
             self.counts[LinkAnomaly.OTHER_VEHICLE] += 1
@@ -255,7 +256,7 @@ class MavlinkSession:
         self._conflicts.vehicle(system, arrival_ns)
         old = self.vehicle
         if old is not None and old.system_id != system:
-            if self.connected(arrival_ns):
+            if self.connected(arrival_ns) or (old.armed and arrival_ns - self._received_ns < IN_FLIGHT_NS):
                 self.counts[LinkAnomaly.OTHER_VEHICLE] += 1
                 return
             self._conflicts.another()

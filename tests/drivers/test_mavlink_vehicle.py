@@ -9,7 +9,7 @@ import pytest
 from drivers.mavlink.clock_sync import ClockSource
 from drivers.mavlink.commands import set_px4_hold
 from drivers.mavlink.dialect import dialect
-from drivers.mavlink.session import MavlinkSession
+from drivers.mavlink.session import IN_FLIGHT_NS, MavlinkSession
 from drivers.mavlink.session_types import MavlinkParams, Vehicle
 from drivers.simulation.autopilot import ARDUPILOT, PX4, SimulatedAutopilot
 from drivers.simulation.firmware_profile import FirmwareProfile
@@ -41,6 +41,40 @@ def test_another_vehicle_takes_over_only_when_ours_is_silent() -> None:
     c.run(5.0)
     assert c.session.vehicle.system_id == 7
     assert c.session.status(c.now_ns).clock.source is ClockSource.TIMESYNC
+
+
+def test_the_attitude_of_another_vehicle_is_not_used_for_one_that_fell_silent_in_flight() -> None:
+    """Its messages are lost, and it still receives: obstacles at the attitude of another one, by way of a router, would be wrong."""
+    c = talk(PX4, boot_at_ns=0, armed=True)
+    c.autopilots.append(SimulatedAutopilot(FirmwareProfile(kind=ARDUPILOT, system_id=7, boot_at_ns=50 * NS)))
+    c.run(6.0)
+    assert c.samples
+    c.autopilots[0].sends_nothing = True
+    c.samples.clear()
+    c.run(20.0)
+    assert c.session.vehicle is not None
+    assert c.session.vehicle.system_id == 1
+    assert c.session.fell_silent(c.now_ns)
+    assert c.samples == []
+    assert "several vehicles" in c.session.status(c.now_ns).conflicts
+    c.now_ns += IN_FLIGHT_NS  # it has landed somewhere, or this computer is on another vehicle
+    c.run(2.0)
+    assert c.session.vehicle.system_id == 7
+
+
+@pytest.mark.parametrize("vehicle_type", [dialect.MAV_TYPE_ANTENNA_TRACKER, dialect.MAV_TYPE_GCS])
+def test_what_is_no_vehicle_is_not_taken_for_one(vehicle_type: int) -> None:
+    """ArduPilot's antenna tracker has component 1 and an attitude of its own."""
+    tracker = dialect.MAVLink(None, 200, 1)
+    session = MavlinkSession()
+    beat = dialect.MAVLink_heartbeat_message(vehicle_type, dialect.MAV_AUTOPILOT_ARDUPILOTMEGA, 0, 0, 4, 3)
+    session.receive([(bytes(beat.pack(tracker)), NS)])
+    assert session.vehicle is None
+    c = Conversation(session, [SimulatedAutopilot(FirmwareProfile(kind=ARDUPILOT, boot_at_ns=0))])
+    c.run(2.0)
+    assert c.session.vehicle is not None
+    assert c.session.vehicle.system_id == 1
+    assert c.session.status(c.now_ns).conflicts == {}
 
 
 @pytest.mark.parametrize("kind", [PX4, ARDUPILOT])
