@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 FACES = 8
-
-
-READ_BEFORE = ((6, 7, 0), (7, 0, 1))
+READ_BEFORE = ((6, 7, 0), (7, 0, 1), (0, 1, 2))
 """Faces of which the third is read before the first, with the one between them. ArduPilot lets the border between the second and
 the third be the distance of the first, if the second is empty, also where the third is nearer (update_boundary)."""
 

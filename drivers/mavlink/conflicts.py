@@ -78,7 +78,7 @@ class ConflictDetector:
         _remember(self._left_out, system, now_ns)
 
     def vehicle(self, system: int, now_ns: int) -> None:
-        """Records a heartbeat of an autopilot whose system id the configuration does not exclude."""
+        """Records an autopilot that counts now, or a heartbeat of one whose system id the configuration does not exclude."""
         _remember(self._vehicles, system, now_ns)
 
     def kind(self, kind: str, now_ns: int) -> str:

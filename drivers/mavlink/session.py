@@ -257,6 +257,7 @@ class MavlinkSession:
         old = self.vehicle
         if old is not None and old.system_id != system:
             if self.connected(arrival_ns) or (old.armed and arrival_ns - self._received_ns < IN_FLIGHT_NS):
+                self._conflicts.vehicle(old.system_id, arrival_ns)  # it still counts, received or not
                 self.counts[LinkAnomaly.OTHER_VEHICLE] += 1
                 return
             self._conflicts.another()

@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 
 from companion.autopilot.failsafe import AutopilotNow, BlindPolicy, PolicyInput, policy_of
 from companion.autopilot.obstacle_distance import (
+    FACE,
     UNKNOWN,
     BrakingReach,
     clear_cm,
@@ -138,6 +139,27 @@ def test_the_fence_of_ardupilot_is_beyond_no_obstacle_whatever_is_beside_it(
         reader.read(obstacle_distance_message(sent, 0, AVOID), NS)
     for sector, cm in nearest_cm.items():
         assert reader.room_m(5.0 * sector, NS) <= cm / 100.0 - reader.margin_m + 1e-6
+
+
+@pytest.mark.parametrize("points", [False, True])
+def test_both_corners_of_a_face_are_as_near_as_its_obstacle_whatever_is_in_the_others(points: bool) -> None:
+    """Each face nothing, near or far, and the front face in its two halves."""
+    parts = (0, 5, 14, 23, 32, 41, 50, 59, 68)  # an element of each
+    for cm in list(product((1201, 200, 900), repeat=9))[:: 11 if points else 5]:
+        values = np.full(SECTORS, clear_cm(AVOID), np.uint16)
+        values[list(parts)] = cm
+        reader = ArduPilotReader()
+        sent = for_reader(values, AVOID, "ArduPilot")
+        if points:
+            nearest = [int(sent[face == FACE].min()) for face in range(8)]
+            reader.take_faces([m / 100.0 if m < clear_cm(AVOID) else math.inf for m in nearest], NS)
+        else:
+            reader.read(obstacle_distance_message(sent, 0, AVOID), NS)
+        nearest_cm = [min(cm[0], cm[8]), *cm[1:8]]
+        for line in reader.fence(NS):
+            face = face_of(math.degrees(math.atan2(*reversed(line[0]))) + 22.5)  # clockwise of its first corner
+            corners_m = [math.hypot(*corner) for corner in line]
+            assert nearest_cm[face] > 1200 or max(corners_m) <= nearest_cm[face] / 100.0 + 1e-6, (cm, face)
 
 
 @pytest.mark.parametrize(

@@ -130,21 +130,23 @@ def test_doubts(vehicle: Vehicle, conflicts: dict[str, str], signing: str, doubt
     assert reached().doubt(vehicle, conflicts, signing, NOW) == doubt
 
 
-def heartbeat(system: int, autopilot: int = 3) -> bytes:
-    message = dialect.MAVLink_heartbeat_message(2, autopilot, 128, 3, 4, 3)
+def heartbeat(system: int, autopilot: int = 3, armed: bool = True) -> bytes:
+    message = dialect.MAVLink_heartbeat_message(2, autopilot, 128 if armed else 0, 3, 4, 3)
     return bytes(message.pack(dialect.MAVLink(None, system, 1)))
 
 
 @pytest.mark.parametrize("systems", [(1, 2), (2, 1)])
 @pytest.mark.parametrize("alternating_s", [1, 5])
-def test_two_vehicles_on_a_link_are_a_doubt(systems: tuple[int, int], alternating_s: int) -> None:
-    """First both are received, then only the second, which the session takes over when the first is silent."""
+@pytest.mark.parametrize("armed", [False, True])
+def test_two_vehicles_on_a_link_are_a_doubt(systems: tuple[int, int], alternating_s: int, armed: bool) -> None:
+    """First both are received, then only the second, which the session takes over when the first is silent, at once if that one
+    was disarmed."""
     session, now_ns = MavlinkSession(), NOW
     certainty = Certainty()
     for second in range(90):
         now_ns += NS
         for system in systems if second < alternating_s else systems[1:]:
-            session.receive([(heartbeat(system), now_ns)])
+            session.receive([(heartbeat(system, armed=armed), now_ns)])
         vehicle = session.vehicle
         assert vehicle is not None
         certainty.requests(vehicle, now_ns)
@@ -153,7 +155,7 @@ def test_two_vehicles_on_a_link_are_a_doubt(systems: tuple[int, int], alternatin
         doubt = certainty.doubt(vehicle, status.conflicts, status.signing_fault, now_ns)
         assert doubt == "several vehicles", second
     assert session.vehicle is not None
-    assert session.vehicle.system_id == systems[1]
+    assert session.vehicle.system_id == systems[0 if armed else 1]
 
 
 def test_a_configured_vehicle_is_not_in_doubt_for_another() -> None:
