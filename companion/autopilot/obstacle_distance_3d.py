@@ -55,10 +55,11 @@ def other_points(views: Sequence[View], avoid: AvoidParams) -> NDArray[np.float6
     order = np.argsort(-range_m, kind="stable")  # the nearest one is assigned last and is kept
     nearest = np.full((len(LAYERS_RAD), FACES), -1)
     nearest[layer[order], face[order]] = order
-    nearest[range_m[nearest] >= avoid.max_distance_m] = -1
-    kept = nearest[nearest >= 0]
+    occupied = nearest >= 0
+    occupied[occupied] = range_m[nearest[occupied]] < avoid.max_distance_m
+    kept = nearest[occupied]
     sent_m = np.maximum(range_m[kept], avoid.min_distance_m + 0.01)
-    return np.concatenate([_places_at(sent_m, azimuth[kept], elevation[kept]), _in_empty_faces(nearest >= 0, avoid)])
+    return np.concatenate([_places_at(sent_m, azimuth[kept], elevation[kept]), _in_empty_faces(occupied, avoid)])
 
 
 def _in_empty_faces(occupied: NDArray[np.bool_], avoid: AvoidParams) -> NDArray[np.float64]:

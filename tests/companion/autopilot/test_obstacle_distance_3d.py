@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from companion.autopilot.obstacle_distance import UNKNOWN, for_reader, obstacle_distance_message
@@ -64,6 +64,7 @@ def test_the_middle_layer_equals_obstacle_distance(cm: list[int], at_once: bool)
     ),
     st.sampled_from([0.0, 0.4]),
 )
+@example(walls=[(0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 0.0)], radius_m=0.0)  # in no layer
 def test_nothing_above_or_below_is_lost(
     walls: list[tuple[float, float, float, float, float, float, float]], radius_m: float
 ) -> None:
