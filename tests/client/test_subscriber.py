@@ -43,6 +43,16 @@ pytestmark = pytest.mark.process
 ROOT = Path(__file__).resolve().parents[2]
 
 
+def move_exposures(message: Message, t_ns: int) -> None:
+    """Moves the exposures of a message so that the one its age refers to was at t_ns; of no exposure there is nothing to move."""
+    if isinstance(message, pb.SurroundFrame):
+        for part in message.cameras:
+            part.t_exposure_ns += t_ns - message.t_ns
+        message.t_ns = t_ns
+    else:
+        message.t_exposure_ns = t_ns
+
+
 class Service:
     """A publisher as the service has it."""
 
@@ -53,6 +63,8 @@ class Service:
 
     def say(self, message: Message, age_ms: float = 20.0, boot: str = "boot", number: int | None = None) -> None:
         copy = type(message).FromString(message.SerializeToString())
+        if boot != boot_id():  # a stamp of this computer is the caller's
+            move_exposures(copy, time.monotonic_ns() - round(age_ms * MS))
         number = self.publisher.published if number is None else number
         copy.publication.CopyFrom(PublicationStamps(boot).stamp(number, round(age_ms * MS)))
         self.publisher.publish(copy)
@@ -158,6 +170,26 @@ def test_nothing_in_a_stale_message_is_free_and_its_obstacles_stay(
     for stale, first in ((False, Occupancy.FREE), (True, Occupancy.UNKNOWN), (False, Occupancy.FREE)):
         monkeypatch.setattr(Received, "stale", stale)
         assert received.space.points(at).tolist() == [first, Occupancy.OCCUPIED]
+
+
+def test_of_several_cameras_nothing_is_free_by_an_exposure_that_is_too_old(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The age of the message is that of its newest exposure: free space of another camera stayed for up to 0.3 s longer."""
+    old = a_frame()
+    new = pb.PrismsFrame.FromString(old.SerializeToString())
+    new.t_exposure_ns = old.t_exposure_ns + 300 * MS
+    new.free.free_to_m[:] = [0.0] * len(new.free.free_to_m)
+    content = pb.SurroundFrame(
+        schema_version=1, t_ns=new.t_exposure_ns, frame=old.frame, valid=True, cameras=[new, old]
+    )
+    content.publication.CopyFrom(pb.Publication(boot_id="another", age_ns=50 * MS))
+    received = Received(content, 0, 0.4)
+    for now_ms, expected in ((0, Occupancy.FREE), (100, Occupancy.UNKNOWN), (400, Occupancy.UNKNOWN)):
+        monkeypatch.setattr("osape_client.receive_time.clock_ns", lambda now_ms=now_ms: now_ms * MS)
+        assert received.age_s == pytest.approx(0.05 + now_ms / 1e3)
+        assert received.oldest_age_s == pytest.approx(0.35 + now_ms / 1e3)
+        assert received.stale == (now_ms == 400)
+        assert received.space.points(a_free_place(old)).tolist() == [expected]
+        assert received.space._rectangles.corner.shape[0] == 2 * len(old.planes.margin_m)
 
 
 def test_the_newest_message_with_its_age(service: Service) -> None:

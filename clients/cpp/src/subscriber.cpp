@@ -16,8 +16,17 @@ constexpr std::uint32_t kSchemaVersion = 1;
 // Time without a message after which the socket connects again. ZeroMQ gives a connection up for good where the other side is no
 // service, or sends a message that is too large; the service may have taken its place since.
 constexpr auto kSilence = std::chrono::seconds(5);
+// Largest difference in rate of the clocks of two computers, each corrected by up to 500 ppm. A delay that grows more slowly is not
+// noticed.
+constexpr double kClockDrift = 1e-3;
+constexpr double kMostLateS = 1e9;  // longer than any; its nanoseconds fit into 64 bits
 
 double seconds(Clock::duration duration) { return std::chrono::duration<double>(duration).count(); }
+
+// Sums of numbers of a message in floating point: those of a damaged one would overflow.
+double seconds(std::int64_t nanoseconds) { return 1e-9 * static_cast<double>(nanoseconds); }
+
+double now_s() { return seconds(Clock::now().time_since_epoch()); }
 
 // Identifier of this boot of the machine; empty where the system has none.
 const std::string& boot_id() {
@@ -42,17 +51,27 @@ Clock::time_point Clock::now() noexcept {
 #endif
 }
 
+double Delays::late_s(const osape::v1::PrismsFrame& frame) {
+  const auto& publication = frame.publication();
+  if (frame.t_exposure_ns() == 0) return 0.0;  // without an exposure
+  const double now = now_s(), sent = seconds(frame.t_exposure_ns()) + seconds(publication.suspended_ns()) + seconds(publication.age_ns());
+  const bool known = least_s_ && publication.boot_id() == boot_;
+  least_s_ = known ? std::min(*least_s_ + kClockDrift * (now - at_s_), now - sent) : now - sent;
+  boot_ = publication.boot_id();
+  at_s_ = now;
+  return std::min(now - sent - *least_s_, kMostLateS);
+}
+
 double Message::age_s() const {
   const auto& publication = content.publication();
-  const double published_s = std::max(0.0, 1e-9 * static_cast<double>(publication.age_ns()));
+  const double published_s = std::max(0.0, seconds(publication.age_ns()));
   const auto now = Clock::now();
   const double since_receipt_s = published_s + seconds(now - received);
   if (!boot_id().empty() && publication.boot_id() == boot_id() && publication.has_suspended_ns()) {  // one clock
-    const auto exposed = std::chrono::nanoseconds(content.t_exposure_ns() + publication.suspended_ns());
-    const auto since = now.time_since_epoch() - exposed;
+    const double exposed_s = seconds(content.t_exposure_ns()) + seconds(publication.suspended_ns());
+    const double since_s = seconds(now.time_since_epoch()) - exposed_s;
     // a negative age: the stamp was in the future when it was sent
-    const double least_s = publication.age_ns() >= 0 ? published_s : since_receipt_s;
-    if (since.count() >= 0) return std::max(seconds(since), least_s);
+    if (since_s >= 0.0) return std::max(since_s, publication.age_ns() >= 0 ? published_s : since_receipt_s);
   }
   return since_receipt_s;
 }
@@ -146,6 +165,8 @@ bool Subscriber::receive(std::chrono::milliseconds timeout) {
     return false;
   }
   ++stats_.messages;
+  const std::chrono::duration<double> late(delays_.late_s(frame));
+  received = std::min(received, Clock::now() - std::chrono::duration_cast<Clock::duration>(late));
   newest_ = Message{std::move(frame), received, timeout_s_};
   return true;
 }

@@ -1,7 +1,8 @@
 """Age of messages that waited unread in a socket: a planner that was busy must not take an old message for a new one.
 
 A socket does not tell when a message arrived. A message that was there at the first look arrived after the socket was last
-seen empty; its age counts from then. On the service's own machine the time stamp of the exposure gives the age directly.
+seen empty; its age counts from then. On the service's own machine the time stamp of the exposure gives the age directly. From
+another machine each message counts as having been on the way for as long as the fastest one, and for what it took more.
 """
 
 from __future__ import annotations
@@ -18,6 +19,9 @@ MS = 1_000_000
 SILENCE_NS = 5_000 * MS
 """Time without a message after which a socket connects again. ZeroMQ gives a connection up for good where the other side is no
 service, refuses the keys, or sends a message that is too large; the service may have taken its place since."""
+CLOCK_DRIFT = 1e-3
+"""Not tuning: largest difference in rate of the clocks of two machines, each corrected by up to 500 ppm. A delay that grows more
+slowly is not noticed."""
 
 
 class TimedSocket:
@@ -70,9 +74,29 @@ class TimedSocket:
         self.socket.close(0)
 
 
+class Delays:
+    """Finds messages that were longer on the way than the fastest one, as in a slow network or after it was interrupted. The two
+    clocks need not agree: the least difference between receipt and sending is that of the fastest message."""
+
+    def __init__(self) -> None:
+        self._boot, self._least_ns, self._at_ns = "", 0, 0
+
+    def arrival_ns(self, publication: pb.Publication, t_ns: int, received_ns: int) -> int:
+        """The earliest time at which a message of an exposure at t_ns can have arrived with the least delay. received_ns: as
+        `TimedSocket.take` returned it just now. t_ns 0: without an exposure, and nothing can be compared."""
+        if t_ns == 0:
+            return received_ns
+        now_ns = clock_ns()
+        apart_ns = now_ns - (t_ns + publication.suspended_ns + publication.age_ns)
+        least_ns = self._least_ns + round(CLOCK_DRIFT * (now_ns - self._at_ns))
+        is_first, self._boot = not self._at_ns or publication.boot_id != self._boot, publication.boot_id
+        self._least_ns, self._at_ns = apart_ns if is_first else min(least_ns, apart_ns), now_ns
+        return min(received_ns, now_ns - (apart_ns - self._least_ns))
+
+
 def age_ns(publication: pb.Publication, t_ns: int, received_ns: int) -> int:
     """Upper bound of the present age of an exposure at t_ns on the service's monotonic clock. From another machine it lacks the
-    time on the network, and so for a stamp that was in the future when it was sent. received_ns: as `TimedSocket.take`
+    least time on the network, and so for a stamp that was in the future when it was sent. received_ns: as `Delays.arrival_ns`
     returned it."""
     now_ns, published_ns = clock_ns(), publication.age_ns
     since_receipt_ns = max(0, published_ns) + now_ns - received_ns

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -29,7 +29,7 @@ from .decode import cause_code, model_from_message
 from .model import without_free
 from .proto import osape_v1_pb2 as pb
 from .query.space import PlacedModel, Space
-from .receive_time import age_ns
+from .receive_time import Delays, age_ns
 from .stream_subscriber import StreamSubscriber
 
 NS = 1_000_000_000
@@ -104,10 +104,18 @@ class Message:
 
     @property
     def age_s(self) -> float:
-        """Upper bound of the present age of the exposure. On another machine it lacks the time on the network."""
-        m = self.content
-        t_ns = m.t_exposure_ns if isinstance(m, pb.PrismsFrame) else m.t_ns
-        return age_ns(m.publication, t_ns, self.received_ns) / NS
+        """Upper bound of the present age of the exposure, of several cameras the newest one. On another machine it lacks the least
+        time on the network."""
+        return age_ns(self.content.publication, _exposure_ns(self.content), self.received_ns) / NS
+
+    @property
+    def oldest_age_s(self) -> float:
+        """As `age_s`, of several cameras the oldest valid exposure."""
+        return self.age_s + max((self._lag_s(part) for part in self._frames if part.valid), default=0.0)
+
+    def _lag_s(self, part: pb.PrismsFrame) -> float:
+        """Time from the exposure of one camera to the newest one."""
+        return max(0, _exposure_ns(self.content) - part.t_exposure_ns) / NS
 
     @property
     def stale(self) -> bool:
@@ -116,22 +124,30 @@ class Message:
 
     @property
     def space(self) -> Space:
-        """Queries of this message. While it is stale nothing is free or open; obstacles and ground remain: call it for each
-        query. Unavailable cameras contribute neither free nor occupied space. If the parts of a message do not fit together,
-        or it is of an unknown frame, everything is unknown."""
-        return self._obstacles if self.stale else self._whole
+        """Queries of this message. While it is stale nothing is free or open, and of several cameras nothing that only a camera
+        with an exposure older than `timeout_s` measured; obstacles and ground remain: call it for each query. Unavailable cameras
+        contribute neither free nor occupied space. If the parts of a message do not fit together, or it is of an unknown frame,
+        everything is unknown."""
+        stale, age_s = self.stale, self.age_s
+        old = tuple(stale or not age_s + lag_s <= self.timeout_s for lag_s, _ in self._models)
+        if old not in self._spaces:
+            parts = zip(old, self._models, strict=True)
+            self._spaces[old] = Space(
+                [
+                    replace(placed, model=without_free(placed.model)) if no_free else placed
+                    for no_free, (_, placed) in parts
+                ]
+            )
+        return self._spaces[old]
 
     @cached_property
-    def _whole(self) -> Space:
-        return Space(self._models)
+    def _spaces(self) -> dict[tuple[bool, ...], Space]:
+        """By which of the models are too old; with time more of them are."""
+        return {}
 
     @cached_property
-    def _obstacles(self) -> Space:
-        """Without what is free or open."""
-        return Space([PlacedModel(without_free(placed.model), placed.place_m) for placed in self._models])
-
-    @cached_property
-    def _models(self) -> list[PlacedModel]:
+    def _models(self) -> list[tuple[float, PlacedModel]]:
+        """The time from the exposure of each camera to the newest one, s, and its model."""
         if self.frame not in FRAMES:
             return []
         models = []
@@ -146,8 +162,13 @@ class Message:
                 at = frame.transform.translation_m
                 if not all(map(math.isfinite, (at.x, at.y, at.z))):
                     return []
-                models.append(PlacedModel(model, (at.x, at.y, at.z)))
+                models.append((self._lag_s(frame), PlacedModel(model, (at.x, at.y, at.z))))
         return models
+
+
+def _exposure_ns(content: pb.PrismsFrame | pb.SurroundFrame) -> int:
+    """The exposure that the age of a message refers to; 0: none."""
+    return content.t_exposure_ns if isinstance(content, pb.PrismsFrame) else content.t_ns
 
 
 @dataclass(slots=True)
@@ -181,6 +202,7 @@ class Subscriber(StreamSubscriber):
         self._kind = pb.SurroundFrame if all_cameras else pb.PrismsFrame
         self._timeout_s = timeout_s
         self.stats = ReceiveStats()
+        self._delays = Delays()
         self._newest: Message | None = None
 
     def latest(self) -> Message | None:
@@ -237,7 +259,8 @@ class Subscriber(StreamSubscriber):
             self.stats.out_of_order += 1
             return False
         self.stats.messages += 1
-        self._newest = Message(content, received_ns, self._timeout_s)
+        arrival_ns = self._delays.arrival_ns(content.publication, _exposure_ns(content), received_ns)
+        self._newest = Message(content, arrival_ns, self._timeout_s)
         return True
 
     def _is_newer(self, content: pb.PrismsFrame | pb.SurroundFrame) -> bool:

@@ -16,7 +16,7 @@ from google.protobuf.message import DecodeError
 
 from .clock import clock_ns
 from .proto import osape_v1_pb2 as pb
-from .receive_time import age_ns
+from .receive_time import Delays, age_ns
 from .stream_subscriber import StreamSubscriber
 from .tracks import Tracks, tracks_from_message
 
@@ -34,7 +34,8 @@ class ReceivedTracks:
 
     @property
     def age_s(self) -> float:
-        """Upper bound of the present age of the exposure. On another machine it lacks the time on the network."""
+        """Upper bound of the present age of the exposure. On another machine it lacks the least time on the
+        network."""
         return age_ns(self.content.publication, self.content.t_exposure_ns, self.received_ns) / NS
 
     @property
@@ -58,6 +59,7 @@ class TracksSubscriber(StreamSubscriber):
     def __init__(self, address: str | None = None, *, timeout_s: float = 0.4, keys: Path | None = None) -> None:
         super().__init__("tracks", address, keys)
         self.undecodable = 0
+        self._delays = Delays()
         self._timeout_s = timeout_s
 
     def wait(self, timeout_s: float) -> ReceivedTracks | None:
@@ -72,7 +74,8 @@ class TracksSubscriber(StreamSubscriber):
                 except DecodeError:
                     content.Clear()
                 if content.schema_version == SCHEMA_VERSION and content.HasField("publication"):
-                    return ReceivedTracks(content, received[1], self._timeout_s)
+                    arrival_ns = self._delays.arrival_ns(content.publication, content.t_exposure_ns, received[1])
+                    return ReceivedTracks(content, arrival_ns, self._timeout_s)
                 self.undecodable += 1
             if clock_ns() >= end_ns:
                 return None

@@ -29,13 +29,26 @@ struct Clock {
   static time_point now() noexcept;
 };
 
+// Finds messages that were longer on the way than the fastest one, as in a slow network or after it was interrupted. The clocks of
+// two computers need not agree: the least difference between receipt and sending is that of the fastest message.
+class Delays {
+ public:
+  // Time for which a message that was received now was longer on the way than the fastest one, in seconds.
+  double late_s(const osape::v1::PrismsFrame& frame);
+
+ private:
+  std::string boot_;
+  std::optional<double> least_s_;
+  double at_s_ = 0.0;
+};
+
 // One frame. Nothing may be taken as free while stale() is true or content.valid() is false.
 struct Message {
   osape::v1::PrismsFrame content;
-  Clock::time_point received;  // the earliest time at which it can have arrived
+  Clock::time_point received;  // the earliest time at which it can have arrived, with the least delay
   double timeout_s = kTimeoutS;
 
-  // Upper bound of the present age of the exposure, in seconds. On another machine it lacks the time on the network.
+  // Upper bound of the present age of the exposure, in seconds. On another machine it lacks the least time on the network.
   double age_s() const;
   bool stale() const { return !(age_s() <= timeout_s); }
 };
@@ -82,6 +95,7 @@ class Subscriber {
   std::unique_ptr<Socket> socket_;
   Clock::time_point empty_;  // when the socket was last seen empty
   Clock::time_point heard_;  // when the last message was received, or the socket was connected again
+  Delays delays_;
   std::optional<Message> newest_;
   ReceiveStats stats_;
 };

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from ..clock import clock_ns
 from ..connect import MOST_WORLD_BYTES, connect
 from ..proto import osape_v1_pb2 as pb
-from ..receive_time import TimedSocket, age_ns
+from ..receive_time import Delays, TimedSocket, age_ns
 from ..run_folder import run_folder
 from .decode import (
     PLANE_RECORD,
@@ -93,6 +93,7 @@ class WorldMirror:
         self._requested_ns = 0
         self._newest: pb.WorldUpdate | None = None
         self._received_ns = 0
+        self._delays = Delays()
         self._complete = False
         self._former_boots: deque[str] = deque(maxlen=_FORMER_BOOTS)
         self._planes: dict[int, np.void] = {}
@@ -121,7 +122,8 @@ class WorldMirror:
 
     @property
     def age_s(self) -> float:
-        """Upper bound of the present age of the newest exposure; infinite before the first."""
+        """Upper bound of the present age of the newest exposure; infinite before the first. On another machine it lacks the least
+        time on the network."""
         if self._newest is None or not self._newest.t_ns:
             return float("inf")
         return age_ns(self._newest.publication, self._newest.t_ns, self._received_ns) / NS
@@ -208,7 +210,8 @@ class WorldMirror:
         if before is not None and not same:
             self._former_boots.append(before.publication.boot_id)
         self.stats.messages += 1
-        self._newest, self._received_ns, self._space = message, received_ns, None
+        arrival_ns = self._delays.arrival_ns(message.publication, message.t_ns, received_ns)
+        self._newest, self._received_ns, self._space = message, arrival_ns, None
 
     def _put_blocks(
         self, blocks: list[tuple[int, ...]], masks: NDArray[np.uint64], ground: NDArray[np.float32]

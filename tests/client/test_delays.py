@@ -1,0 +1,169 @@
+"""Messages from another machine that were long on the way: their age contains it, and nothing in them is free."""
+
+from __future__ import annotations
+
+import itertools
+import math
+import subprocess
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+import zmq
+
+from osape_client import Occupancy, Subscriber, TracksSubscriber
+from osape_client.proto import osape_v1_pb2 as pb
+from osape_client.receive_time import CLOCK_DRIFT, Delays
+from osape_client.world.mirror import WorldMirror
+from tests.waiting import until
+
+from .test_cpp_subscriber import program  # noqa: F401
+from .test_subscriber import a_frame, a_free_place
+
+pytestmark = pytest.mark.process
+S = 1_000_000_000
+AGE_NS = S // 50
+"""Age of the exposures when they are sent."""
+
+
+class Network:
+    """A publisher on another machine, whose clock differs from the one here by an hour."""
+
+    def __init__(self, address: str) -> None:
+        self.context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
+        self.socket = self.context.socket(zmq.PUB)
+        self.socket.bind(address)
+        self.address = address
+        self.number = 0
+
+    def deliver(
+        self, message: pb.PrismsFrame | pb.WorldUpdate | pb.Tracks, late_s: float = 0.0, boot: str = "far"
+    ) -> None:
+        """Delivers now a message that was sent `late_s` ago."""
+        sent_ns = time.monotonic_ns() + 3600 * S - round(late_s * S)
+        if isinstance(message, pb.WorldUpdate):
+            message.t_ns, message.sequence = sent_ns - AGE_NS, self.number
+        else:
+            message.t_exposure_ns = sent_ns - AGE_NS
+        message.publication.CopyFrom(
+            pb.Publication(boot_id=boot, number=self.number, age_ns=AGE_NS, suspended_ns=7 * S)
+        )
+        self.number += 1
+        self.socket.send(message.SerializeToString())
+
+    def close(self) -> None:
+        self.context.destroy(linger=0)
+
+
+@pytest.fixture
+def network(tmp_path: Path) -> Iterator[Network]:
+    network = Network(f"ipc://{tmp_path}/s")
+    yield network
+    network.close()
+
+
+def test_nothing_is_free_in_a_message_that_was_long_on_the_way(network: Network) -> None:
+    """A link that was interrupted delivered what had waited in it, and each message counted as new."""
+    content = a_frame()
+    with Subscriber(network.address) as client:
+        assert until(lambda: (network.deliver(content), client.wait(0.05))[1] is not None, 60.0)
+        for late_s in (3.0, 2.0, 1.0):
+            network.deliver(content, late_s)
+            received = client.wait(60.0)
+            assert received is not None
+            assert late_s <= received.age_s < late_s + 60.0
+            assert received.stale
+            assert received.space.points(a_free_place(content)).tolist() == [Occupancy.UNKNOWN]
+        assert until(lambda: (network.deliver(content), (m := client.wait(1.0)) is not None and not m.stale)[1], 60.0)
+
+
+def test_after_a_restart_of_the_other_machine_the_fastest_message_is_found_anew(network: Network) -> None:
+    content = a_frame()
+    with Subscriber(network.address) as client:
+        assert until(lambda: (network.deliver(content), client.wait(0.05))[1] is not None, 60.0)
+        network.deliver(content, 100.0, boot="again")
+        received = client.wait(60.0)
+        assert received is not None
+        assert received.age_s < 60.0
+
+
+def test_a_world_that_lags_is_not_usable(network: Network, tmp_path: Path) -> None:
+    """The changes of a world wait in order in a link that is too slow, twenty seconds of them."""
+    message = pb.WorldUpdate(schema_version=1, section=1, valid=True, snapshot=True)
+    with WorldMirror(network.address, f"ipc://{tmp_path}/nobody") as mirror:
+        assert until(lambda: (network.deliver(message), mirror.update(0.05))[1], 60.0)
+        before = mirror.stats.messages
+        network.deliver(message, 5.0)
+        assert until(lambda: (mirror.update(), mirror.stats.messages > before)[1], 60.0)
+        assert mirror.age_s >= 5.0
+        assert not mirror.usable
+        assert "old" in mirror.cause
+        assert until(lambda: (network.deliver(message), mirror.update(0.05))[1], 60.0)
+
+
+def test_tracks_that_were_long_on_the_way_are_stale(network: Network) -> None:
+    message = pb.Tracks(schema_version=1, frame="ned", valid=True)
+    with TracksSubscriber(network.address) as client:
+        assert until(lambda: (network.deliver(message), client.wait(0.05))[1] is not None, 60.0)
+        network.deliver(message, 2.0)
+        received = client.wait(60.0)
+        assert received is not None
+        assert received.age_s >= 2.0
+        assert received.stale
+
+
+def test_the_client_in_cpp_counts_the_delay_too(program: Path, network: Network) -> None:  # noqa: F811
+    content = a_frame()
+    with subprocess.Popen([program, network.address], stdout=subprocess.PIPE, text=True) as process:
+        try:
+            assert process.stdout is not None
+            for late_s, expected in ((0.0, "planes"), (9.0, "s old"), (0.0, "planes")):
+                network.deliver(content, late_s)
+                for line in itertools.islice(process.stdout, 200):
+                    if expected in line:
+                        break
+                    network.deliver(content, late_s)
+                assert expected in line
+                if late_s:
+                    assert float(line.split(":")[1].split()[0]) >= late_s
+        finally:
+            process.kill()
+
+
+def arrivals(monkeypatch: pytest.MonkeyPatch, delays: Delays, sent_s: float, now_s: float, **more: int) -> float:
+    """Seconds from the counted arrival of a message to now."""
+    monkeypatch.setattr("osape_client.receive_time.clock_ns", lambda: round(now_s * S))
+    stamp = pb.Publication(boot_id="far", age_ns=more.get("age_ns", 0))
+    t_ns = round(sent_s * S) - stamp.age_ns
+    return (round(now_s * S) - delays.arrival_ns(stamp, t_ns, round(now_s * S) - more.get("waited_ns", 0))) / S
+
+
+def test_the_fastest_message_is_the_measure(monkeypatch: pytest.MonkeyPatch) -> None:
+    delays = Delays()
+    assert arrivals(monkeypatch, delays, 500.0, 10.0) == 0.0
+    assert arrivals(monkeypatch, delays, 501.0, 11.2) == pytest.approx(0.2 - 1.2 * CLOCK_DRIFT)
+    assert arrivals(monkeypatch, delays, 501.0, 11.2, age_ns=-3 * S) == pytest.approx(0.2 - 1.2 * CLOCK_DRIFT)
+    assert arrivals(monkeypatch, delays, 503.0, 12.5) == 0.0, "it was faster than the first one"
+    assert arrivals(monkeypatch, delays, 503.5, 13.5) == pytest.approx(0.5, abs=0.01)
+    assert arrivals(monkeypatch, delays, 504.5, 14.0, waited_ns=S) == 1.0, "it may have waited in the socket"
+
+
+def test_clocks_that_drift_apart_make_nothing_old(monkeypatch: pytest.MonkeyPatch) -> None:
+    delays = Delays()
+    for second in range(0, 36_000, 10):
+        assert arrivals(monkeypatch, delays, second * (1.0 - 0.9 * CLOCK_DRIFT), 5.0 + second) == 0.0
+
+
+def test_without_an_exposure_nothing_is_compared() -> None:
+    assert Delays().arrival_ns(pb.Publication(), 0, 42) == 42
+
+
+@pytest.mark.parametrize("number", [-(2**63), 2**63 - 1])
+def test_numbers_of_a_damaged_message_make_nothing_new(monkeypatch: pytest.MonkeyPatch, number: int) -> None:
+    delays = Delays()
+    assert arrivals(monkeypatch, delays, 500.0, 10.0) == 0.0
+    damaged = delays.arrival_ns(pb.Publication(boot_id="far", age_ns=number), 1, 10 * S)
+    assert damaged <= 10 * S
+    assert arrivals(monkeypatch, delays, 501.0, 11.0) >= 0.0
+    assert math.isfinite(damaged)
