@@ -19,7 +19,7 @@ from drivers.logs.codec import camera_from_message
 from osape_client.clock import clock_ns
 from osape_client.connect import connect
 from osape_client.proto import osape_v1_pb2 as pb
-from osape_client.receive_time import TimedSocket, age_ns
+from osape_client.receive_time import Delays, TimedSocket, age_ns
 from osape_client.run_folder import run_folder
 
 from ..config.service import PublishConfig
@@ -75,6 +75,7 @@ class LiveSubscriber:
         self._stop = threading.Event()
         self._context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
         self._receivers: dict[zmq.Socket[bytes], tuple[TimedSocket, type[Message]]] = {}
+        self._frame_delays, self._preview_delays = Delays(), Delays()
         self._depth: zmq.Socket[bytes] | None = None
         self._thread = threading.Thread(target=self._run, name="feed", daemon=True)
         self.world = LiveWorld(streams.world, streams.world_requests, streams.keys, self.vehicle)
@@ -198,10 +199,10 @@ class LiveSubscriber:
         if isinstance(message, pb.Health):
             self._health(message, arrival_ns)
         elif isinstance(message, pb.PrismsFrame):
-            exposed_ns = now_ns - age_ns(message.publication, message.t_exposure_ns, arrival_ns)
+            exposed_ns = now_ns - _age_ns(message, arrival_ns, self._frame_delays)
             self._camera(message.camera).add_frame(message, exposed_ns, now_ns)
         elif isinstance(message, pb.DepthPreview):
-            exposed_ns = now_ns - age_ns(message.publication, message.t_exposure_ns, arrival_ns)
+            exposed_ns = now_ns - _age_ns(message, arrival_ns, self._preview_delays)
             self._camera(message.camera).add_preview(message, exposed_ns)
         elif isinstance(message, pb.Tracks):
             self._camera(message.camera).add_tracks(message)
@@ -218,3 +219,9 @@ class LiveSubscriber:
 
     def _camera(self, name: str) -> Camera:
         return self.cameras.setdefault(name, Camera())
+
+
+def _age_ns(message: pb.PrismsFrame | pb.DepthPreview, received_ns: int, delays: Delays) -> int:
+    """Age of an exposure, and what its message took longer than the fastest one of the stream."""
+    arrival_ns = delays.arrival_ns(message.publication, message.t_exposure_ns, received_ns)
+    return age_ns(message.publication, message.t_exposure_ns, arrival_ns)

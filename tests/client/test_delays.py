@@ -12,7 +12,9 @@ from pathlib import Path
 import pytest
 import zmq
 
+from companion.viewer.subscriber import LiveSubscriber, Streams
 from osape_client import Occupancy, Subscriber, TracksSubscriber
+from osape_client.clock import clock_ns
 from osape_client.proto import osape_v1_pb2 as pb
 from osape_client.receive_time import CLOCK_DRIFT, Delays
 from osape_client.world.mirror import WorldMirror
@@ -129,6 +131,19 @@ def test_the_client_in_cpp_counts_the_delay_too(program: Path, network: Network)
                     assert float(line.split(":")[1].split()[0]) >= late_s
         finally:
             process.kill()
+
+
+def test_the_page_and_ros_show_the_age_of_a_late_frame() -> None:
+    """The bridge to ROS publishes frames that are newer than its timeout with the time of their exposure."""
+    subscriber = LiveSubscriber(Streams(prisms="", health="", depth=""))
+    content = a_frame()
+    for sent_s, expected_s in ((100.0, 0.0), (95.0, 5.0)):
+        now_ns = clock_ns()
+        content.t_exposure_ns = now_ns + round(sent_s * S)
+        content.publication.CopyFrom(pb.Publication(boot_id="far"))
+        subscriber._add(content, now_ns, now_ns)
+        assert now_ns - subscriber.cameras[content.camera].exposed_ns >= (expected_s - 0.1) * S
+    subscriber.close()
 
 
 def arrivals(monkeypatch: pytest.MonkeyPatch, delays: Delays, sent_s: float, now_s: float, **more: int) -> float:
