@@ -11,12 +11,15 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 
 from core.params import Params
 from core.stages.model import blind_model
 from core.types import CameraInfo, FrameModel, FreeEnd, FreeProfile, Intrinsics, InvalidCause
-from osape_client.query.rectangles import between_segments, rectangles
+from osape_client.query.rectangles import Rectangles, between_segments, rectangles
 from osape_client.query.space import Occupancy, PlacedModel, Space, balls_free
+from osape_client.world.snapshot import WorldSnapshot
+from osape_client.world.space import WorldSpace
 
 from ..conftest import CHECKOUT
 
@@ -208,6 +211,33 @@ def test_what_is_no_number_may_not_be_passed() -> None:
     space = Space([PlacedModel(model(free=profile(1.0, 7.5)), HERE)])
     assert space.points([[math.nan, 0, 0], [5, 0, 0]]).tolist() == [Occupancy.OCCUPIED, Occupancy.FREE]
     assert space.segments([[5, 0, 0]], [[math.inf, 0, 0]]).tolist() == [Occupancy.OCCUPIED]
+
+
+def test_from_what_is_no_position_nothing_is_far() -> None:
+    """Without planes the distance was infinite."""
+    points = [[math.nan, 0.0, 0.0], [0.0, math.inf, 0.0], [0.0, 0.0, 1e10], [0.0, 0.0, 0.0]]
+    for space in (Space([]), WorldSpace(WorldSnapshot.empty())):
+        assert space.nearest(points)[0].tolist() == [0.0, 0.0, 0.0, math.inf]
+
+
+def test_many_planes_are_looked_at_with_few_ways_at_a_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    """2048 ways were compared with all planes: with those of the largest message in 8 GB."""
+    rng, pairs = np.random.default_rng(2), []
+    boxes = rng.uniform(-9, 9, (40, 6))
+    boxes[:, 5] = boxes[:, 4] + 1.0
+    several, a = rectangles(boxes, np.full(40, 0.1)), rng.uniform(-9, 9, (300, 3))
+    expected, near = several.touch(a, a + 1.0, 0.3), Rectangles._near
+
+    def counted(self: Rectangles, a: NDArray[np.float64], b: NDArray[np.float64], radius_m: float) -> object:
+        pairs.append(len(a) * len(self.corner))
+        return near(self, a, b, radius_m)
+
+    monkeypatch.setattr(Rectangles, "_near", counted)
+    for most in (1, 200, 1 << 20):
+        monkeypatch.setattr("osape_client.query.rectangles._MOST_PAIRS", most)
+        pairs.clear()
+        assert several.touch(a, a + 1.0, 0.3).tolist() == expected.tolist()
+        assert max(pairs) <= max(most, 40)
 
 
 def test_wrong_shapes() -> None:

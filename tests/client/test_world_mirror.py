@@ -31,7 +31,7 @@ from drivers.base import DriverError
 from osape_client.clock import clock_ns
 from osape_client.proto import osape_v1_pb2 as pb
 from osape_client.query.space import Occupancy
-from osape_client.world.decode import blocks_from_message, records_from_message
+from osape_client.world.decode import MOST_BLOCKS, blocks_from_message, ground_from_message, records_from_message
 from osape_client.world.mirror import WorldMirror
 from tests.core.worlds import NS, blind, house, seen, wall
 from tests.waiting import until
@@ -521,6 +521,17 @@ def test_frames_that_wait_too_long_are_dropped_the_oldest_first(speaker: Speaker
 
         assert until(lambda: counts().get("frames") == 8, 60.0)
         assert counts()["frames_dropped"] == 12
+
+
+def test_a_message_that_announces_more_than_any_world_is_refused() -> None:
+    """Ten million blocks and their masks are 30 MB, and took 20 GB."""
+    assert WorldParams(most_free_blocks=MOST_BLOCKS).most_free_blocks == MOST_BLOCKS
+    with pytest.raises(ValueError, match="most_free_blocks"):
+        WorldParams(most_free_blocks=MOST_BLOCKS + 1)
+    message = pb.WorldUpdate(blocks=[0] * 3 * (MOST_BLOCKS + 1))
+    for decode in (blocks_from_message, ground_from_message):
+        with pytest.raises(ValueError, match=f"{MOST_BLOCKS + 1} blocks, expected at most {MOST_BLOCKS}"):
+            decode(message)
 
 
 def test_there_and_back_loses_nothing_but_millimetres() -> None:

@@ -165,3 +165,28 @@ def test_a_way_far_beyond_what_is_known_is_not_free(far: float) -> None:
         [[-20.0, 0, -20.0], [-far, 30.0, -20.0]], [[far, 0, -20.0], [far, 30.0, -20.0]], 0.2
     )
     assert Occupancy.FREE not in answers
+
+
+@pytest.mark.parametrize("radius", [1e3, 1e12, 1e20, 1e300])
+def test_a_ball_of_any_size_touches_the_ground_in_it(radius: float) -> None:
+    """From 1e20 m on its cells were beyond the integers, and it touched nothing."""
+    p = picture(np.random.default_rng(0), planes=0)
+    ground = np.full((8, 256, 2), np.nan, np.float32)
+    ground[:, 7] = 5.0, 0.1
+    p = WorldSnapshot(**{n: getattr(p, n) for n in WorldSnapshot.__slots__} | {"ground": ground})
+    assert WorldSpace(p).points([[0, 0, 0], [1e9, 0, -1e9]], radius)[0] == Occupancy.OCCUPIED
+    assert WorldSpace(p).segments([[0, 0, 0]], [[1, 0, 0]], radius).tolist() == [Occupancy.OCCUPIED]
+
+
+def test_a_ball_higher_than_any_view_takes_no_memory(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where blocks lie far apart, the cells of a ball of 3 km took 1.6 GB."""
+    p = picture(np.random.default_rng(0), planes=0)
+    far = np.array([[-1250, -1250, -300], [1250, 1250, 300]], np.int32)
+    masks = np.full((10, 256), 0xFFFFFFFFFFFFFFFF, np.uint64)
+    p = WorldSnapshot(
+        **{n: getattr(p, n) for n in WorldSnapshot.__slots__}
+        | {"blocks": np.concatenate([p.blocks, far]), "masks": masks}
+    )
+    assert WorldSpace(p).points([[4, 4, 0]], 3.5).tolist() == [Occupancy.FREE]
+    monkeypatch.setattr(WorldSpace, "_dense", None)
+    assert WorldSpace(p).points([[4, 4, 0]], 3000.0).tolist() == [Occupancy.UNKNOWN]

@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
-_CHUNK = 2048
+_MOST_PAIRS = 1 << 20
+"""Not tuning: pairs of a way and a rectangle that are looked at together: about 600 MB of scratch memory where all are near."""
 _TINY = 1e-12
 """Not tuning: no way and no side is shorter, squared, so that nothing is divided by 0."""
 
@@ -36,8 +37,9 @@ class Rectangles:
         out = np.asarray(~(np.isfinite(a).all(axis=1) & np.isfinite(b).all(axis=1)))
         if not len(self.corner):
             return out
-        for begin in range(0, len(a), _CHUNK):
-            rows = slice(begin, begin + _CHUNK)
+        ways = max(1, _MOST_PAIRS // len(self.corner))
+        for begin in range(0, len(a), ways):
+            rows = slice(begin, begin + ways)
             q, n = self._near(a[rows], b[rows], radius_m)
             if len(q):
                 hit = self._distance(a[rows][q], b[rows][q], n) <= radius_m + self.margin_m[n]
@@ -45,9 +47,11 @@ class Rectangles:
         return out
 
     def nearest(self, p: Floats) -> tuple[Floats, Floats, NDArray[np.int32]]:
-        """(distance less the margin, unit vector towards it, number) of the nearest rectangle to each point (M, 3)."""
+        """(distance less the margin, unit vector towards it, number) of the nearest rectangle to each point (M, 3). The distance of
+        a point that is not finite is 0: it must not be taken for free."""
         m = len(p)
-        distance, towards, number = np.full(m, np.inf), np.zeros((m, 3)), np.full(m, -1, np.int32)
+        distance = np.where(np.isfinite(p).all(axis=1), np.inf, 0.0)
+        towards, number = np.zeros((m, 3)), np.full(m, -1, np.int32)
         if not len(self.corner):
             return distance, towards, number
         every = np.arange(len(self.corner))

@@ -97,7 +97,7 @@ class Space:
     def nearest(self, points_m: ArrayLike) -> tuple[Floats, Floats, NDArray[np.int32]]:
         """(distance_m, direction, plane) of the nearest plane or measured ground to each point (M, 3): its margin taken off
         the distance, the unit vector (M, 3) towards it, the plane's number in the order of the parts. -1: the ground,
-        or nothing, with a distance of inf and a direction of 0."""
+        or nothing, with a distance of inf and a direction of 0. The distance of what is no position is 0."""
         p = positions(points_m)
         distance_m, towards, plane = self._rectangles.nearest(p)
         for ground in self._grounds:

@@ -31,6 +31,10 @@ LOOKS = (5, 10, 20, 40)
 """Planes that are smaller, and then those that were seen less often, stand back where they keep a profile from closing."""
 _MOST_EDGES = 400
 """Not tuning: longer profiles are not tried for crossings, and stay open."""
+_MOST_BESIDE = 1024
+"""Not tuning: an end with more beginnings around it has no corner, and its profile stays open."""
+_ENDS = 1024
+"""Not tuning: ends that are looked at together: about 300 MB of scratch memory at the most."""
 _CELL_M = 2.0 * PAST_M
 """Not tuning: farther apart than this no two ends can be that have one corner."""
 
@@ -116,8 +120,21 @@ def _matched(planes: Floats, looks: NDArray[np.int32], rows: Indices) -> Around:
 
 def _candidates(planes: Floats, looks: NDArray[np.int32], rows: Indices) -> tuple[Indices, Indices, Floats]:
     """(first, second, corner) of all pairs that may follow each other, the best first."""
-    i, k = _near(planes[rows, 2:4], planes[rows, 0:2])
-    i, k = rows[i], rows[k]
+    begins = _sorted_cells(planes[rows, 0:2])
+    found = [
+        _rated(planes, looks, rows[begin + i], rows[k])
+        for begin in range(0, max(1, len(rows)), _ENDS)
+        for i, k in [_near(planes[rows[begin : begin + _ENDS], 2:4], begins)]
+    ]
+    i, k, corner, gap, past, size = map(np.concatenate, zip(*found, strict=True))
+    order = np.lexsort((k, i, gap, -past, -size))
+    return i[order], k[order], corner[order]
+
+
+def _rated(
+    planes: Floats, looks: NDArray[np.int32], i: Indices, k: Indices
+) -> tuple[Indices, Indices, Floats, Floats, Floats, Floats]:
+    """(first, second, corner, gap, length past each other, size) of those of the pairs i, k that may follow each other."""
     p, q = planes[i], planes[k]
     height = np.minimum(p[:, 5] - p[:, 4], q[:, 5] - q[:, 4])
     both = np.minimum(p[:, 5], q[:, 5]) - np.maximum(p[:, 4], q[:, 4])
@@ -142,26 +159,29 @@ def _candidates(planes: Floats, looks: NDArray[np.int32], rows: Indices) -> tupl
     size = height * np.minimum(length_p, length_q) * np.minimum(looks[i], looks[k])
     size = np.floor(0.5 * np.log2(np.maximum(size, 1e-6)))
     past = np.where(flat, -gap, past_p + past_q)
-    order = np.lexsort((k, i, gap, -past, -size))
-    order = order[good[order]]
-    return i[order], k[order], corner[order]
+    return i[good], k[good], corner[good], gap[good], past[good], size[good]
 
 
-def _near(ends: Floats, begins: Floats) -> tuple[Indices, Indices]:
-    """(row of an end, row of a beginning) of all that lie in the same or neighbouring cells."""
-    cell_b, cell_a = (np.floor(xy / _CELL_M).astype(np.int64) for xy in (ends, begins))
-    code = cell_a[:, 0] * (1 << 24) + cell_a[:, 1]
+def _sorted_cells(begins: Floats) -> tuple[Indices, Indices]:
+    """(codes of the cells of beginnings, increasing; the row of each)."""
+    cell = np.floor(begins / _CELL_M).astype(np.int64)
+    code = cell[:, 0] * (1 << 24) + cell[:, 1]
     order = np.argsort(code, kind="stable")
-    code = code[order]
-    found_i, found_k = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)]
-    for dx, dy in product((-1, 0, 1), repeat=2):
-        wanted = (cell_b[:, 0] + dx) * (1 << 24) + cell_b[:, 1] + dy
-        low, high = np.searchsorted(code, wanted, "left"), np.searchsorted(code, wanted, "right")
-        count = high - low
-        begin = np.repeat(low - (np.cumsum(count) - count), count)
-        found_i.append(np.repeat(np.arange(len(ends)), count))
-        found_k.append(order[begin + np.arange(len(begin))])
-    return np.concatenate(found_i), np.concatenate(found_k)
+    return code[order], order
+
+
+def _near(ends: Floats, begins: tuple[Indices, Indices]) -> tuple[Indices, Indices]:
+    """(row of an end, row of a beginning) of all that lie in the same or neighbouring cells; none for an end with more than
+    _MOST_BESIDE of them. begins: of `_sorted_cells`."""
+    cell, (code, order) = np.floor(ends / _CELL_M).astype(np.int64), begins
+    around = np.array(list(product((-1, 0, 1), repeat=2)))
+    wanted = (cell[:, None, 0] + around[:, 0]) * (1 << 24) + cell[:, None, 1] + around[:, 1]
+    low, high = np.searchsorted(code, wanted, "left"), np.searchsorted(code, wanted, "right")
+    count = np.where((high - low).sum(axis=1, keepdims=True) <= _MOST_BESIDE, high - low, 0).ravel()
+    first = np.repeat(low.ravel() - (np.cumsum(count) - count), count)
+    return np.repeat(np.arange(len(ends)), count.reshape(wanted.shape).sum(axis=1)), order[
+        first + np.arange(len(first))
+    ]
 
 
 def _cross(u: Floats, v: Floats) -> Floats:

@@ -32,6 +32,9 @@ PLANE_RECORD = np.dtype(
     ]
 )
 """One plane: the middle of its two ends, the ends a_x, a_y, b_x, b_y relative to it, z of the upper edge and the height."""
+MOST_BLOCKS = 1 << 18
+"""Largest number of blocks of a message, that of the largest world that can be configured: 0.9 GB. Their compressed masks could
+announce any amount of memory."""
 _MASK_BYTES, _GROUND_BYTES = 256 * 8, 256 * 4
 
 
@@ -52,19 +55,26 @@ def planes_from_records(records: NDArray[np.void]) -> NDArray[np.float64]:
 
 def blocks_from_message(message: pb.WorldUpdate) -> tuple[NDArray[np.int32], NDArray[np.uint64]]:
     """(indices (B, 3), masks (B, 256)) of a message's blocks of free space."""
-    if len(message.blocks) % 3:
-        raise ValueError(f"{len(message.blocks)} indices of blocks, expected a multiple of 3")
-    count = len(message.blocks) // 3
-    raw = _decompressed(message.masks, count * _MASK_BYTES, "masks")
-    blocks = np.array(message.blocks, np.int32).reshape(-1, 3)
+    blocks = _indices(message)
+    raw = _decompressed(message.masks, len(blocks) * _MASK_BYTES, "masks")
     return blocks, np.frombuffer(raw, "<u8").astype(np.uint64).reshape(-1, 256)
+
+
+def _indices(message: pb.WorldUpdate) -> NDArray[np.int32]:
+    """(B, 3) of a message's blocks."""
+    count, rest = divmod(len(message.blocks), 3)
+    if rest:
+        raise ValueError(f"{len(message.blocks)} indices of blocks, expected a multiple of 3")
+    if count > MOST_BLOCKS:
+        raise ValueError(f"{count} blocks, expected at most {MOST_BLOCKS}")
+    return np.array(message.blocks, np.int32).reshape(-1, 3)
 
 
 def ground_from_message(message: pb.WorldUpdate) -> NDArray[np.float32]:
     """(B, 256, 2) z and noise of the ground in the columns of a message's blocks, as in a WorldSnapshot; nan where it is
     unknown."""
-    block_z = np.array(message.blocks, np.int32)[2::3].astype(np.float64)
-    out = np.full((len(message.blocks) // 3, 256, 2), np.nan)
+    block_z = _indices(message)[:, 2].astype(np.float64)
+    out = np.full((len(block_z), 256, 2), np.nan)
     if message.ground:
         raw = _decompressed(message.ground, len(out) * _GROUND_BYTES, "ground")
         wire = np.frombuffer(raw, "<u2").reshape(out.shape)

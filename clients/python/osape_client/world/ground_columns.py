@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ..query.ways import within_box
+from ..query.ways import MOST_M, within_box
 from .snapshot import WorldSnapshot
 
 Floats = NDArray[np.float64]
@@ -116,6 +116,8 @@ class GroundColumns:
         if not len(self._keys):
             return out
         finite = np.isfinite(a).all(axis=1) & np.isfinite(b).all(axis=1)
+        # no position is farther than MOST_M, and a larger radius reaches no other block
+        radius_m = min(radius_m, 3.0 * MOST_M)
         low, high = np.minimum(a, b) - radius_m, np.maximum(a, b) + radius_m
         rows = np.flatnonzero(finite & (high[:, 2] > self._highest.min()))
         first = np.floor(low[rows, :2] / _BLOCK_M).astype(np.int64)

@@ -78,7 +78,7 @@ class WorldSpace:
     def nearest(self, points_m: ArrayLike) -> tuple[Floats, Floats, NDArray[np.int32]]:
         """(distance_m, direction, plane) of the nearest plane or ground to each point (M, 3): its margin taken off the
         distance, the unit vector (M, 3) towards it, the plane's row in the snapshot. -1: no plane but the ground, or nothing
-        at all, with a distance of inf and a direction of 0."""
+        at all, with a distance of inf and a direction of 0. The distance of what is no position is 0."""
         p = positions(points_m)
         distance_m, towards, plane = self._rectangles.nearest(p)
         below_m, down = self._ground.nearest(p)
@@ -143,6 +143,8 @@ class WorldSpace:
 
     def _boxes_free(self, lowest: NDArray[np.int64], size: NDArray[np.int64]) -> NDArray[np.bool_]:
         """(M,) whether all cells of boxes of one size are free; lowest: (M, 3) the least indices of each."""
+        if size[2] >= _TALL:
+            return np.zeros(len(lowest), bool)  # no view is so tall
         low, high = lowest.min(axis=0), lowest.max(axis=0) + 1
         if (high - low)[0] * (high - low)[1] > _MOST_CELLS:
             axis = int(np.argmax((high - low)[:2]))
@@ -191,9 +193,7 @@ class WorldSpace:
 
 
 def _all_up(here: NDArray[np.uint64], above: NDArray[np.uint64], cells: int) -> NDArray[np.uint64]:
-    """Bits that are set with the cells - 1 after them, across the border to the next layer of blocks."""
-    if cells >= _TALL:
-        return np.zeros_like(here)  # no view is so tall
+    """Bits that are set with the cells - 1 after them, fewer than _TALL, across the border to the next layer of blocks."""
     out = here.copy()
     for k in range(1, cells):
         out &= (here >> np.uint64(k)) | (above << np.uint64(_TALL - k))
