@@ -280,6 +280,8 @@ int main() {
     for (const double x : {3.0, 6.0, 11.0, std::nan(""), HUGE_VAL, 1.1e9})
       std::cout << static_cast<int>(osape_client::occupancy(message, {x, 0.0, 0.0}, 0.1, true)) << ' ';
   }
+  for (const double x : {6.0, std::nan(""), HUGE_VAL})
+    std::cout << osape_client::nearest_plane_m(message.content.planes(), x, 0.0) << ' ';
 }
 """
 
@@ -314,7 +316,9 @@ def test_nothing_is_free_in_a_stale_message(program: Path, tmp_path: Path) -> No
         [Occupancy.UNKNOWN, Occupancy.OCCUPIED, Occupancy.UNKNOWN],
     )
     beyond = [Occupancy.OCCUPIED] * 3
-    assert [int(word) for word in done.stdout.split()] == [*fresh, *beyond, *stale, *beyond]
+    answers, nearest_m = done.stdout.split()[:-3], done.stdout.split()[-3:]
+    assert [int(word) for word in answers] == [*fresh, *beyond, *stale, *beyond]
+    assert [float(word) for word in nearest_m] == [-0.25, 0.0, 0.0]
 
 
 DAMAGED_PRISMS: dict[str, dict[str, Any]] = {

@@ -146,6 +146,23 @@ def test_the_page_and_ros_show_the_age_of_a_late_frame() -> None:
     subscriber.close()
 
 
+def test_a_planner_that_always_finds_a_message_knows_when_it_can_have_come(network: Network) -> None:
+    """One that is slower than the service never waited, and counted the age of each message from the beginning."""
+    content = a_frame()
+    with Subscriber(network.address) as client:
+        assert until(lambda: (network.deliver(content), client.wait(0.05))[1] is not None, 60.0)
+        assert until(lambda: client.wait(0.05) is None, 60.0)
+        before_ns = 0
+        for _ in range(3):
+            network.deliver(content)
+            assert client._socket.socket.poll(60_000)
+            now_ns = clock_ns()
+            received = client.wait(60.0)
+            assert received is not None
+            assert received.received_ns >= before_ns
+            before_ns = now_ns
+
+
 def arrivals(monkeypatch: pytest.MonkeyPatch, delays: Delays, sent_s: float, now_s: float, **more: int) -> float:
     """Seconds from the counted arrival of a message to now."""
     monkeypatch.setattr("osape_client.receive_time.clock_ns", lambda: round(now_s * S))

@@ -129,10 +129,8 @@ const Message* Subscriber::latest() {
 
 // Receives one message. False: none came, or it was not used.
 bool Subscriber::receive(std::chrono::milliseconds timeout) {
-  const auto polled = Clock::now();
   auto received = empty_;  // a message that is there now arrived after the socket was last seen empty
-  if (!socket_->readable(std::chrono::milliseconds(0))) {
-    empty_ = polled;
+  if (is_empty()) {
     if (!socket_->readable(std::min<std::chrono::milliseconds>(timeout, kSilence))) {
       connect_after_silence();
       return false;
@@ -146,6 +144,7 @@ bool Subscriber::receive(std::chrono::milliseconds timeout) {
     zmq_msg_close(&data);
     return false;
   }
+  is_empty();  // a reader that always finds a message would never look at an empty socket otherwise
   osape::v1::PrismsFrame frame;
   const bool fits = zmq_msg_size(&data) <= static_cast<std::size_t>(std::numeric_limits<int>::max());
   const bool parsed = fits && frame.ParseFromArray(zmq_msg_data(&data), static_cast<int>(zmq_msg_size(&data)));
@@ -168,6 +167,13 @@ bool Subscriber::receive(std::chrono::milliseconds timeout) {
   const std::chrono::duration<double> late(delays_.late_s(frame));
   received = std::min(received, Clock::now() - std::chrono::duration_cast<Clock::duration>(late));
   newest_ = Message{std::move(frame), received, timeout_s_};
+  return true;
+}
+
+bool Subscriber::is_empty() {
+  const auto polled = Clock::now();
+  if (socket_->readable(std::chrono::milliseconds(0))) return false;
+  empty_ = polled;
   return true;
 }
 

@@ -53,13 +53,21 @@ class TimedSocket:
 
     def _next(self, timeout_ms: int) -> tuple[bytes, int] | None:
         """As `take`, without connecting again."""
+        arrived_ns = self._empty_ns
+        if self._is_empty():
+            if timeout_ms <= 0 or not self.socket.poll(timeout_ms):
+                return None
+            arrived_ns = clock_ns()  # it arrived during the wait
+        data = self.socket.recv()
+        self._is_empty()  # a reader that always finds a message would never look at an empty socket otherwise
+        return data, arrived_ns
+
+    def _is_empty(self) -> bool:
         polled_ns = clock_ns()
         if self.socket.poll(0):
-            return self.socket.recv(), self._empty_ns
+            return False
         self._empty_ns = polled_ns
-        if timeout_ms <= 0 or not self.socket.poll(timeout_ms):
-            return None
-        return self.socket.recv(), clock_ns()  # it arrived during the wait
+        return True
 
     def _connect_again(self) -> None:
         if self._address is None:

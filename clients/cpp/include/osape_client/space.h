@@ -216,8 +216,10 @@ inline bool observed_free(const osape::v1::PrismsFrame& frame, const Point& p, d
   return true;
 }
 
-// Horizontal distance in metres from (x, y) to the nearest plane, its margin subtracted; infinity without planes.
+// Horizontal distance in metres from (x, y) to the nearest plane, its margin subtracted; infinity without planes, 0 from a place
+// that is not a position.
 inline double nearest_plane_m(const osape::v1::Planes& planes, double x, double y) {
+  if (!is_position({x, y, 0.0})) return 0.0;
   double least = std::numeric_limits<double>::infinity();
   for (int i = 0; i < planes.margin_m_size() && 6 * i + 5 < planes.corners_m_size(); ++i) {
     const double ax = planes.corners_m(6 * i), ay = planes.corners_m(6 * i + 1);

@@ -87,6 +87,7 @@ class Subscriber {
  private:
   struct Socket;
   bool receive(std::chrono::milliseconds timeout);
+  bool is_empty();
   void connect_after_silence();
   bool is_newer(const osape::v1::PrismsFrame& frame) const;
 
