@@ -340,6 +340,10 @@ def _damage(message: pb.PrismsFrame, part: str) -> None:
         message.free.free_to_m[0] = float("inf")
     elif part == "place":
         message.transform.translation_m.z = float("nan")
+    elif part == "place beyond all measure":
+        message.transform.translation_m.z = 1e10
+    elif part == "plane beyond all measure":
+        message.planes.corners_m[0] = 1e30
     elif part == "large support_px":
         message.planes.support_px[0] = 2**31
     elif part.startswith("prism"):
@@ -368,6 +372,8 @@ def _damage(message: pb.PrismsFrame, part: str) -> None:
         "cluster",
         "free",
         "place",
+        "place beyond all measure",
+        "plane beyond all measure",
         "large support_px",
         *DAMAGED_PRISMS,
     ],
@@ -398,6 +404,20 @@ def test_space_above_a_damaged_ground_is_unknown(program: Path, tmp_path: Path, 
     assert set(done.stdout.split()) == {str(int(Occupancy.UNKNOWN))}
 
 
+@pytest.mark.parametrize("slope", [1e300, -1e300])
+def test_over_a_ground_of_any_slope_both_give_an_answer(program: Path, tmp_path: Path, slope: float) -> None:
+    """Python raised OverflowError."""
+    message = over_ground(np.random.default_rng(1), (0.0, 0.0, 0.0))
+    message.ground.slope_x = slope
+    file = tmp_path / "frame"
+    file.write_bytes(message.SerializeToString())
+    p = [(0.5 * x, 0.5, z) for x in range(-20, 20) for z in (-1.0, 1.0)]
+    asked = "\n".join(f"{x} {y} {z} 0.1" for x, y, z in p)
+    done = subprocess.run([program.parent / "query", file], input=asked, capture_output=True, text=True, check=True)
+    expected = Message(message, clock_ns(), timeout_s=1e9).space.points(p, 0.1)
+    assert [int(answer) for answer in done.stdout.split()] == expected.tolist()
+
+
 NAN = float("nan")
 
 
@@ -407,8 +427,7 @@ def test_planes_that_are_not_finite_make_everything_unknown(
 ) -> None:
     """Such a plane touches nothing: what it occupied was free as far as the profile reached."""
     message = over_ground(np.random.default_rng(1), (0.0, 0.0, 0.0))
-    message.planes.corners_m.extend([*corners, 6, -3, -2, 2])
-    message.planes.margin_m.append(margin)
+    message.planes.corners_m[:2], message.planes.margin_m[0] = corners, margin
     file = tmp_path / "frame"
     file.write_bytes(message.SerializeToString())
     asked = "\n".join(f"{x} 0.5 1.0 0.1" for x in range(-10, 10))

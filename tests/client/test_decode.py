@@ -59,10 +59,12 @@ def test_a_decoded_model_gives_the_answers_of_the_model_that_was_sent() -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "value"), [("corners_m", np.nan), ("corners_m", np.inf), ("margin_m", np.nan), ("margin_m", -1.0)]
+    ("name", "value"),
+    [("corners_m", np.nan), ("corners_m", np.inf), ("corners_m", 1e30), ("margin_m", np.nan), ("margin_m", -1.0)],
 )
 def test_a_plane_that_is_not_finite_is_refused(name: str, value: float) -> None:
-    """It would touch nothing: the space that it occupies would be free as far as the profile reaches."""
+    """It would touch nothing: the space that it occupies would be free as far as the profile reaches. So would one with an end at
+    1e30 m, of which the other end is lost in rounding."""
     message = pb.PrismsFrame(valid=True)
     set_model(message, seen(house(9.0, 0.0), (0.0, 0.0), 0.0, 0).model)
     getattr(message.planes, name)[0] = value

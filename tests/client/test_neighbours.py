@@ -172,9 +172,9 @@ def test_a_damaged_message_is_refused() -> None:
         NeighbourObstacles(pb.NeighbourObstacles(sender=b"\x01", corners_m=[0.0] * 6))
 
 
-@pytest.mark.parametrize("value", [np.nan, np.inf])
+@pytest.mark.parametrize("value", [np.nan, np.inf, 1e30])
 def test_an_obstacle_that_is_not_finite_is_refused(value: float) -> None:
-    """It would touch nothing."""
+    """It would touch nothing, nor would one whose other end is lost in rounding."""
     with pytest.raises(ValueError, match="finite"):
         shared((value, *WALL[1:]))
     mover = SharedMovingObstacle(

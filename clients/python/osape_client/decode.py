@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .integers import flags, integers
-from .model import CameraModel, FreeProfile, Ground, Prism
+from .model import MOST_M, CameraModel, FreeProfile, Ground, Prism
 from .proto import osape_v1_pb2 as pb
 
 DEFAULT_GROUND_TOLERANCE_M: Final = 0.6
@@ -54,10 +54,10 @@ def model_from_message(message: pb.PrismsFrame) -> CameraModel | None:
 
 
 def _check_planes(planes: pb.Planes) -> None:
-    """Raises ValueError where a plane or its margin is not a finite number, or the margin is negative: such a plane would
-    touch nothing, and the space that it occupies would not be occupied."""
-    if not np.isfinite(planes.corners_m).all():
-        raise ValueError("planes: corners_m is not finite; is the message damaged?")
+    """Raises ValueError where a plane is not of positions, its margin is not a finite number, or the margin is negative: such a
+    plane would touch nothing, and the space that it occupies would not be occupied."""
+    if not (np.abs(planes.corners_m) <= MOST_M).all():
+        raise ValueError(f"planes: corners_m is not finite or beyond {MOST_M:g} m; is the message damaged?")
     if not all(0.0 <= margin_m < math.inf for margin_m in planes.margin_m):
         raise ValueError("planes: margin_m is not a finite number of 0 or more; is the message damaged?")
 

@@ -15,6 +15,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+MOST_M = 1e9
+"""No position is farther from the origin, along any axis. Beyond it rounding errors exceed a micrometre, and squares
+overflow in the end: such a number is handled like NaN."""
+
 
 class PlaneFlags(IntFlag):
     """Properties of a plane."""

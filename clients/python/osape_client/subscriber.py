@@ -16,7 +16,6 @@ or a service with other keys answered meanwhile.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -26,7 +25,7 @@ from google.protobuf.message import DecodeError
 
 from .clock import clock_ns
 from .decode import cause_code, model_from_message
-from .model import without_free
+from .model import MOST_M, without_free
 from .proto import osape_v1_pb2 as pb
 from .query.space import PlacedModel, Space
 from .receive_time import Delays, age_ns
@@ -160,7 +159,7 @@ class Message:
                 if not frame.HasField("transform") or frame.frame != self.frame:
                     return []  # cut short, so that the position of the camera is missing, or of another frame
                 at = frame.transform.translation_m
-                if not all(map(math.isfinite, (at.x, at.y, at.z))):
+                if not all(abs(value) <= MOST_M for value in (at.x, at.y, at.z)):
                     return []
                 models.append((self._lag_s(frame), PlacedModel(model, (at.x, at.y, at.z))))
         return models

@@ -33,7 +33,9 @@ inline bool is_position(const Point& p) {
   return std::abs(p.x) <= kMostM && std::abs(p.y) <= kMostM && std::abs(p.z) <= kMostM;
 }
 
-inline bool finite(const osape::v1::Vector3& v) { return std::isfinite(v.x()) && std::isfinite(v.y()) && std::isfinite(v.z()); }
+inline bool are_positions(const google::protobuf::RepeatedField<float>& values) {
+  return std::all_of(values.begin(), values.end(), [](float value) { return std::abs(static_cast<double>(value)) <= kMostM; });
+}
 
 inline bool finite(const google::protobuf::RepeatedField<float>& values) {
   return std::all_of(values.begin(), values.end(), [](float value) { return std::isfinite(value); });
@@ -45,10 +47,10 @@ inline bool finite_and_increasing(const google::protobuf::RepeatedField<float>& 
 
 constexpr std::uint32_t kMostSupportPx = 0x7fffffff;
 
-// Whether planes are rectangles with margins: one that is not finite would touch nothing.
+// Whether planes are rectangles with margins: one that is not of positions would touch nothing.
 inline bool planes_fit(const osape::v1::Planes& planes) {
   const int count = planes.margin_m_size();
-  if (planes.corners_m_size() != 6 * count || !finite(planes.corners_m())) return false;
+  if (planes.corners_m_size() != 6 * count || !are_positions(planes.corners_m())) return false;
   if (planes.support_px_size() != count || planes.flags_size() != count || planes.cluster_size() != count) return false;
   for (int i = 0; i < count; ++i) {
     if (!std::isfinite(planes.margin_m(i)) || planes.margin_m(i) < 0.0f) return false;
@@ -92,7 +94,8 @@ inline bool numbers_fit(const osape::v1::PrismsFrame& frame) {
   const auto& g = frame.ground();
   if (!planes_fit(frame.planes()) || !profile_fits(frame.free())) return false;
   if (!std::all_of(frame.prisms().begin(), frame.prisms().end(), prism_fits)) return false;
-  if (!finite(frame.transform().translation_m())) return false;
+  const auto& camera = frame.transform().translation_m();
+  if (!is_position({camera.x(), camera.y(), camera.z()})) return false;
   if (!g.seen()) return true;
   bool margins = true;
   for (const double margin : {g.noise_per_m(), g.tolerance_m()}) margins = margins && std::isfinite(margin) && margin >= 0.0;
@@ -115,7 +118,7 @@ inline double above_ground_m(const osape::v1::PrismsFrame& frame, const Point& p
 
 // Metres straight down to the ground's plane for a metre square to it.
 inline double steepness(const osape::v1::Ground& g) {
-  return std::sqrt(1.0 + g.slope_x() * g.slope_x() + g.slope_y() * g.slope_y());
+  return std::hypot(1.0, g.slope_x(), g.slope_y());
 }
 
 // The azimuths low..high that a ball reaches into, low within one turn of the profile's first edge (edges are not wrapped).

@@ -108,7 +108,7 @@ class SolidGround:
     @property
     def _steep(self) -> float:
         """Metres straight down to the plane for each metre square to it."""
-        return math.sqrt(1.0 + self.ground.slope_x**2 + self.ground.slope_y**2)
+        return math.hypot(1.0, self.ground.slope_x, self.ground.slope_y)
 
     @property
     def _down(self) -> Floats:

@@ -11,10 +11,9 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..model import MOST_M
+
 Floats = NDArray[np.float64]
-MOST_M = 1e9
-"""No position is farther from the origin, along any axis. Beyond it rounding errors exceed a micrometre, and squares
-overflow in the end: such a number is handled like NaN."""
 MOST_BALLS = 1 << 18
 """Balls looked at together: about 30 MB of scratch memory."""
 MOST_WAY_M = 1e5

@@ -10,7 +10,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ..query.ways import MOST_M, within_box
+from ..model import MOST_M
+from ..query.ways import within_box
 from .snapshot import WorldSnapshot
 
 Floats = NDArray[np.float64]
