@@ -13,7 +13,7 @@ import pytest
 import zmq
 
 from companion.viewer.subscriber import LiveSubscriber, Streams
-from osape_client import Occupancy, Subscriber, TracksSubscriber
+from osape_client import NeighboursSubscriber, Occupancy, Subscriber, TracksSubscriber
 from osape_client.clock import clock_ns
 from osape_client.proto import osape_v1_pb2 as pb
 from osape_client.receive_time import CLOCK_DRIFT, Delays
@@ -27,6 +27,9 @@ pytestmark = pytest.mark.process
 S = 1_000_000_000
 AGE_NS = S // 50
 """Age of the exposures when they are sent."""
+
+
+Sent = pb.PrismsFrame | pb.WorldUpdate | pb.Tracks | pb.NeighbourObstacles
 
 
 class Network:
@@ -46,6 +49,8 @@ class Network:
         sent_ns = time.monotonic_ns() + 3600 * S - round(late_s * S)
         if isinstance(message, pb.WorldUpdate):
             message.t_ns, message.sequence = sent_ns - AGE_NS, self.number
+        elif isinstance(message, pb.NeighbourObstacles):
+            message.t_ns = sent_ns - AGE_NS
         else:
             message.t_exposure_ns = sent_ns - AGE_NS
         message.publication.CopyFrom(
@@ -113,6 +118,18 @@ def test_tracks_that_were_long_on_the_way_are_stale(network: Network) -> None:
         assert received is not None
         assert received.age_s >= 2.0
         assert received.stale
+
+
+def test_moving_obstacles_of_neighbours_go_on_while_their_message_is_on_the_way(network: Network) -> None:
+    message = pb.NeighbourObstacles(schema_version=1)
+    message.movers.add(centre_m=pb.Vector3(x=8.0), half_size_m=pb.Vector3(x=0.4, y=0.4, z=0.4), velocity_x_m_s=2.0)
+    with NeighboursSubscriber(network.address, timeout_s=60.0) as client:
+        assert until(lambda: (network.deliver(message), client.newest(wait_s=0.05))[1].movers, 60.0)
+        network.deliver(message, 5.0)
+        assert until(lambda: client.newest(wait_s=0.05).t_ns == message.t_ns, 60.0)
+        (mover,) = client.newest().movers
+        assert mover.centre_m[0] >= 8.0 + 2.0 * 5.0
+        assert mover.age_s >= 5.0
 
 
 def test_the_client_in_cpp_counts_the_delay_too(program: Path, network: Network) -> None:  # noqa: F811

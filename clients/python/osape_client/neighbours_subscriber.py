@@ -14,6 +14,7 @@ from google.protobuf.message import DecodeError
 from .clock import clock_ns
 from .neighbours import NeighbourObstacles, no_obstacles
 from .proto import osape_v1_pb2 as pb
+from .receive_time import Delays
 from .stream_subscriber import StreamSubscriber
 
 NS = 1_000_000_000
@@ -31,11 +32,13 @@ class NeighboursSubscriber(StreamSubscriber):
         self.undecodable = 0
         self._timeout_s = timeout_s
         self._newest: NeighbourObstacles | None = None
-        self._received_ns = self._sent_age_ns = 0
+        self._received_ns = self._sent_age_ns = self._late_ns = 0
+        self._delays = Delays()
 
     def newest(self, section: int | None = None, wait_s: float = 0.0) -> NeighbourObstacles:
-        """The newest obstacles, the moving ones where they are now. None of them: where the newest are older than timeout_s, or
-        where they stand in another section of the own world than `section`. wait_s: for a message."""
+        """The newest obstacles, the moving ones where they are now. None of them: where the newest are older than timeout_s, the
+        time on the network not counted, or where they stand in another section of the own world than `section`. wait_s: for a
+        message."""
         received = self._socket.take(round(1000 * wait_s))
         if received is not None:
             self._take(*received)
@@ -43,7 +46,7 @@ class NeighboursSubscriber(StreamSubscriber):
         age_s = (clock_ns() - self._received_ns + self._sent_age_ns) / NS
         if found is None or age_s > self._timeout_s or section not in (None, found.section):
             return no_obstacles()
-        return found.later(age_s)
+        return found.later(age_s + self._late_ns / NS)
 
     def _take(self, data: bytes, received_ns: int) -> None:
         message = pb.NeighbourObstacles()
@@ -55,5 +58,6 @@ class NeighboursSubscriber(StreamSubscriber):
                 raise ValueError("cut short: the part that is written last is missing")
             self._newest, self._received_ns = NeighbourObstacles(message), received_ns
             self._sent_age_ns = max(0, message.publication.age_ns)
+            self._late_ns = received_ns - self._delays.arrival_ns(message.publication, message.t_ns, received_ns)
         except (DecodeError, ValueError):
             self.undecodable += 1
