@@ -56,6 +56,8 @@ record = "off"
 """
 WALL_M = 27.6
 """From the origin, straight north."""
+START_M = 19.0
+"""Where the vehicle waits for the guard: as far before the wall that it watches, and near, so that the flights are short."""
 
 
 class TwoPeers:
@@ -132,8 +134,15 @@ class Guarded:
 
         self.line.change(act)
 
-    def kill(self) -> None:
+    def kill_and_put_back(self) -> None:
+        """Kills the service. The vehicle then stands at the start without a waypoint, since starts take their time."""
         self.live.kill()
+
+        def act(autopilot: SimulatedAutopilot) -> None:
+            self.flight.position_m, self.flight.velocity_m_s = np.array([START_M, 0.0]), np.zeros(2)
+            self.flight.waypoints_m = np.zeros((0, 2))
+
+        self.line.change(act)
 
     def do(self, act: Callable[[], None]) -> None:
         self.line.change(lambda _: act())
@@ -154,14 +163,13 @@ def guarded(
     folder: Path,
     renders: Path,
     kind: str,
-    speed_m_s: float = 1.5,
-    start_m: float = 14.0,
+    speed_m_s: float,
     before: tuple[str, ...] = (),
 ) -> Iterator[Guarded]:
     """before: see `Live.start`."""
     camera_port = free_port()
     live = Live(folder, CONFIG.replace("CAMERA_PORT", str(camera_port)), renders)
-    start = np.array([start_m, 0.0])
+    start = np.array([START_M, 0.0])
     nowhere = np.zeros((0, 2))
     flight: AutoFlight = (
         Px4AutoFlight(nowhere, 2.5, speed_m_s, PX4_MISSION, start)
@@ -179,53 +187,30 @@ def guarded(
         live.close()
 
 
-@pytest.mark.parametrize(("kind", "mode"), [(PX4, PX4_HOLD), (ARDUPILOT, COPTER_BRAKE)])
-def test_the_vehicle_stops_before_the_wall(tmp_path: Path, renders: Path, kind: str, mode: int) -> None:
-    with guarded(tmp_path, renders, kind) as g:
+def test_px4_stops_before_the_wall_while_the_output_of_the_service_is_not_read(tmp_path: Path, renders: Path) -> None:
+    with unread_output(tmp_path) as before, guarded(tmp_path, renders, PX4, 1.5, before) as g:
         g.go()
-        assert g.comes_to("holding"), g.live.output()
-        assert g.flight.mode == mode
+        assert g.comes_to("holding")
+        assert g.flight.mode == PX4_HOLD
         assert g.distance_m() > 1.0
         assert {m.target_system for m in g.commands(DO_SET_MODE, DO_CHANGE_SPEED)} == {1}
         assert until(lambda: any("guard: stopped" in text for text in g.texts()))
         assert any("guard: stop, " in text for text in g.texts())
-
-
-def test_the_vehicle_stops_before_the_wall_while_its_output_is_not_read(tmp_path: Path, renders: Path) -> None:
-    with unread_output(tmp_path) as before, guarded(tmp_path, renders, PX4, before=before) as g:
-        g.go()
-        assert g.comes_to("holding")
-        assert g.distance_m() > 1.0
-        assert until(lambda: any("guard: stopped" in text for text in g.texts()))
         assert g.live.stop() == 0
 
 
-def test_killed_while_watching_it_stops_the_vehicle_after_the_restart(tmp_path: Path, renders: Path) -> None:
-    """The restarted service does not see yet, and the vehicle flies."""
-    with guarded(tmp_path, renders, ARDUPILOT, speed_m_s=1.0, start_m=14.0) as g:
-        g.ready("watching")
-        g.kill()
-        g.do(
-            lambda: setattr(g.flight, "waypoints_m", np.array([[-500.0, 0.0]]))
-        )  # away from the wall: starts take their time
-        assert until(lambda: g.flight.speed_m_s > 0.9)
-        g.live.start()
-        assert g.comes_to("holding"), g.live.output()
-        assert g.flight.mode == COPTER_BRAKE
-        assert g.flight.position_m[0] < 14.0
-
-
-def test_killed_while_stopping_and_while_holding_it_goes_on(tmp_path: Path, renders: Path) -> None:
-    with guarded(tmp_path, renders, ARDUPILOT, speed_m_s=1.0, start_m=17.0) as g:
+def test_ardupilot_is_stopped_and_held_by_a_service_that_is_killed_while_stopping_holding_and_watching(
+    tmp_path: Path, renders: Path
+) -> None:
+    with guarded(tmp_path, renders, ARDUPILOT, 1.0) as g:
+        # stopping: the first command has no effect
         g.ready("watching", "limited")
         g.do(lambda: setattr(g.flight, "stubborn", True))
         g.fly()
         assert g.comes_to("stopping"), g.live.output()
-        g.kill()
+        assert g.distance_m() > 1.0
+        g.kill_and_put_back()
         before = len(g.commands(DO_SET_MODE))
-        g.do(lambda: setattr(g.flight, "velocity_m_s", np.zeros(2)))
-        g.do(lambda: setattr(g.flight, "position_m", np.array([17.0, 0.0])))
-        g.do(lambda: setattr(g.flight, "waypoints_m", np.zeros((0, 2))))  # it stands: starts take their time
         g.do(lambda: setattr(g.flight, "stubborn", False))
         g.live.start()
         assert g.comes_to("holding", "watching", "limited"), g.live.output()
@@ -234,8 +219,10 @@ def test_killed_while_stopping_and_while_holding_it_goes_on(tmp_path: Path, rend
         assert g.comes_to("holding"), g.live.output()
         assert g.flight.mode == COPTER_BRAKE
         assert len(g.commands(DO_SET_MODE)) > before
+        assert {m.target_system for m in g.commands(DO_SET_MODE, DO_CHANGE_SPEED)} == {1}
+        assert until(lambda: any("guard: stopped" in text for text in g.texts()))
         # holding
-        g.kill()
+        g.kill_and_put_back()
         before = len(g.commands(DO_SET_MODE))
         killed_ns = time.monotonic_ns()
         g.live.start()
@@ -246,3 +233,14 @@ def test_killed_while_stopping_and_while_holding_it_goes_on(tmp_path: Path, rend
         assert g.comes_to("inactive"), g.live.output()
         assert len(g.commands(DO_SET_MODE)) == before
         assert until(lambda: any("released" in text for text in g.texts()))
+        # watching: the restarted service does not see yet, and the vehicle flies
+        g.do(lambda: g.flight.enter(COPTER_AUTO))
+        g.ready("watching")
+        g.kill_and_put_back()
+        away = np.array([[-500.0, 0.0]])  # from the wall: starts take their time
+        g.do(lambda: setattr(g.flight, "waypoints_m", away))
+        assert until(lambda: g.flight.speed_m_s > 0.9)
+        g.live.start()
+        assert g.comes_to("holding"), g.live.output()
+        assert g.flight.mode == COPTER_BRAKE
+        assert g.flight.position_m[0] < START_M

@@ -1,8 +1,8 @@
 """The service as a process with other senders on its link: the output to the autopilot stays safe in content and
 timing.
 
-What does not depend on the kind of autopilot is tested with one of them here, and with both in
-tests/companion/autopilot/test_fault_table.py, on real links without the processes."""
+With ArduPilot, which would fly on without the wall. With both kinds of autopilot, on real links without the processes:
+tests/companion/autopilot/test_fault_table.py; parameters: test_avoidance.py."""
 
 from __future__ import annotations
 
@@ -21,7 +21,6 @@ import pytest
 
 from drivers.mavlink.dialect import dialect
 from drivers.simulation.autopilot import ARDUPILOT, AUTOPILOT_IDS, PX4
-from drivers.simulation.firmware_parameters import PARAMETERS
 from osape_client.proto import osape_v1_pb2 as pb
 from tests.waiting import PATIENCE_S, until
 
@@ -34,18 +33,13 @@ WALL_CM = 266
 """Distance sent by the policy `stop` with an AVOID_MARGIN of 2.5 m."""
 
 
-ONE_KIND = pytest.mark.parametrize("avoiding", [ARDUPILOT], indirect=True)
-
-
-@pytest.fixture(scope="module", params=[PX4, ARDUPILOT])
-def avoiding(
-    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory, renders: Path
-) -> Iterator[AvoidingService]:
+@pytest.fixture(scope="module")
+def avoiding(tmp_path_factory: pytest.TempPathFactory, renders: Path) -> Iterator[AvoidingService]:
     sections = CONFIG.replace("restart_s = 1.5", "restart_s = 20.0")  # `blind_after` ends the camera process earlier
     live = Live(tmp_path_factory.mktemp("conflicts"), sections, renders, quick=True)
-    with flown(live, request.param) as line:
-        line.change(lambda a: a.parameters.update(PARAMETERS[request.param]))
-        avoiding = AvoidingService(live, line, request.param)
+    with flown(live, ARDUPILOT) as line:
+        avoiding = AvoidingService(live, line, ARDUPILOT)
+        avoiding.correct_parameters()
         try:
             live.start()
             assert until(avoiding.has_obstacles), live.output()
@@ -135,7 +129,6 @@ def decisions_ns(avoiding: AvoidingService, answers: list[bytes]) -> list[int]:
     return [1000 * m.time_usec for m in messages]
 
 
-@ONE_KIND
 def test_noise_and_other_senders_do_not_change_what_the_autopilot_receives(avoiding: AvoidingService) -> None:
     assert until(avoiding.has_obstacles), avoiding.live.output()
     with sending(avoiding, noise_and_other_senders):
@@ -150,11 +143,10 @@ def test_noise_and_other_senders_do_not_change_what_the_autopilot_receives(avoid
 
 
 def test_a_forged_kind_of_autopilot_causes_no_silence_and_no_clear_sector(avoiding: AvoidingService) -> None:
-    """ArduPilot would fly on with the policy of PX4. While the kind is ambiguous, the wall that stops both is sent."""
+    """The vehicle would fly on with the policy of PX4. While the kind is ambiguous, the wall that stops both is sent."""
     assert until(avoiding.has_obstacles), avoiding.live.output()
     assert until(avoiding.has_read_the_margin)
-    forged = AUTOPILOT_IDS[ARDUPILOT if avoiding.kind == PX4 else PX4]
-    beat = packed(dialect.MAVLink_heartbeat_message(2, forged, 0, 0, 4, 3))
+    beat = packed(dialect.MAVLink_heartbeat_message(2, AUTOPILOT_IDS[PX4], 0, 0, 4, 3))
     with sending(avoiding, lambda k: [beat]) as answers:
         avoiding.health.wait(lambda h: any("contradictory heartbeats" in t for t in h.troubles), PATIENCE_S)
         assert until(avoiding.has_obstacles)
@@ -163,11 +155,8 @@ def test_a_forged_kind_of_autopilot_causes_no_silence_and_no_clear_sector(avoidi
         begin_ns, end_ns = stopped_ns + round(2.5 * NS), stopped_ns + round(3.5 * NS)
         # on a busy machine the service answers the other address for a while
         assert until(lambda: any(begin_ns < t < end_ns for t in decisions_ns(avoiding, answers)))
-        wall = late[len(late) // 2][1]
-        assert all(v < 1200 for v in wall)
-        assert {v for _, values in late for v in values} == {wall[0]}
-        if avoiding.kind == ARDUPILOT:
-            assert wall[0] == WALL_CM  # its margin was read before and still counts
+        # its margin was read before and still counts
+        assert {v for _, values in late for v in values} == {WALL_CM}
     # sent once, to the address that the newest message of the autopilot came from: the forger's or the autopilot's
     text = "OA: contradictory heartbeats"
     assert until(lambda: text in avoiding.texts() or any(text.encode() in data for data in answers))
@@ -175,7 +164,6 @@ def test_a_forged_kind_of_autopilot_causes_no_silence_and_no_clear_sector(avoidi
     avoiding.health.wait(lambda h: not any("contradict" in t for t in h.troubles), PATIENCE_S)
 
 
-@ONE_KIND
 def test_a_second_companion_is_reported_and_obstacles_are_still_sent(avoiding: AvoidingService) -> None:
     assert until(avoiding.has_obstacles), avoiding.live.output()
     clear = packed(
@@ -193,34 +181,16 @@ def test_a_second_companion_is_reported_and_obstacles_are_still_sent(avoiding: A
         assert until(avoiding.has_obstacles)
 
 
-@pytest.mark.parametrize("avoiding", [PX4], indirect=True)
-def test_the_age_of_sent_obstacles_is_measured_and_px4s_delay_checked_with_it(avoiding: AvoidingService) -> None:
-    def stage(h: pb.Health) -> pb.Latency | None:
-        return next((x for x in h.latencies if x.stage == "exposure_to_autopilot"), None)
-
-    health = avoiding.health.wait(lambda h: stage(h) is not None, PATIENCE_S)
-    latency = stage(health)
-    assert latency is not None
-    assert 1.0 < latency.p50_ms <= latency.p95_ms <= latency.p99_ms
-    avoiding.line.change(lambda a: a.parameters.update({"CP_DELAY": 0.0}))
-    try:
-        avoiding.health.wait(lambda h: any("PX4 brakes too late: CP_DELAY = 0 s" in t for t in h.troubles), PATIENCE_S)
-    finally:
-        avoiding.line.change(lambda a: a.parameters.update(PARAMETERS[PX4]))
-
-
 def test_forged_parameters_do_not_move_the_wall(avoiding: AvoidingService) -> None:
-    """Nearer than CP_DIST or AVOID_MARGIN the vehicle would fly backwards."""
+    """Nearer than AVOID_MARGIN the vehicle would fly backwards."""
     assert until(avoiding.has_obstacles), avoiding.live.output()
     assert until(avoiding.has_read_the_margin)
-    name = b"CP_DIST" if avoiding.kind == PX4 else b"AVOID_MARGIN"
-    values = [packed(dialect.MAVLink_param_value_message(name, v, 9, 1, 0)) for v in (20.0, 0.5)]
+    values = [packed(dialect.MAVLink_param_value_message(b"AVOID_MARGIN", v, 9, 1, 0)) for v in (20.0, 0.5)]
     with sending(avoiding, lambda k: values if k % 10 == 0 else []):
         begun_ns = time.monotonic_ns()
         assert until(lambda: time.monotonic_ns() > begun_ns + 3 * NS)
         _, late = blind_after(avoiding, 1.0)
         assert late
-        assert {v for _, ahead in late for v in ahead} == ({302} if avoiding.kind == PX4 else {WALL_CM})
-        if avoiding.kind == ARDUPILOT:
-            avoiding.health.wait(lambda h: any("AVOID_MARGIN is received as" in t for t in h.troubles), PATIENCE_S)
+        assert {v for _, ahead in late for v in ahead} == {WALL_CM}
+        avoiding.health.wait(lambda h: any("AVOID_MARGIN is received as" in t for t in h.troubles), PATIENCE_S)
     assert until(avoiding.has_obstacles), avoiding.live.output()
