@@ -9,8 +9,8 @@ import re
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator
-from contextlib import closing, suppress
+from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 
 import cv2
@@ -195,13 +195,24 @@ def test_a_view_that_hangs_is_cut_off(page: Page, following: Following) -> None:
     page.wait(VALID)
 
 
-def test_a_service_that_is_killed_is_reported_to_be_silent(page: Page, following: Following) -> None:
-    live = following.live
-    live.stop(signal.SIGKILL)
+SILENT = "document.getElementById('service').classList.contains('old')"
+
+
+def test_a_service_that_is_killed_is_reported_to_be_silent_and_its_report_is_grey(
+    page: Page, following: Following
+) -> None:
+    page.wait(f"!{SILENT}")
+    before = "getComputedStyle(document.getElementById('health'), '::before').content"
+    assert page.ask(before) == "none"
+    following.live.stop(signal.SIGKILL)
     page.wait(shows("BLIND"))
     page.wait(shows("no message from the service for"))
-    live.start()
-    page.wait(VALID)
+    page.wait(SILENT)
+    assert "no longer current" in page.ask(before)
+    assert float(page.ask("getComputedStyle(document.getElementById('health')).opacity")) < 1.0
+    assert page.ask(f"{STATE} !== 'valid'")
+    following.live.start()
+    page.wait(f"{VALID} && !{SILENT}")
 
 
 def test_the_verdict_of_what_was_received(page: Page) -> None:
@@ -235,7 +246,6 @@ def test_the_verdict_of_what_was_received(page: Page) -> None:
         assert bool(page_state["word"]) == (state in ("cut", "blind", "stale"))
 
 
-SILENT = "document.getElementById('service').classList.contains('old')"
 PAINTED = """(() => {
   const { renderer } = app, gl = renderer.getContext(), { width, height } = renderer.domElement;
   const pixels = new Uint8Array(4 * width * height);
@@ -247,41 +257,44 @@ PAINTED = """(() => {
 """How many colours are in the picture: one where nothing is drawn."""
 
 
-def test_the_report_of_a_service_that_has_stopped_is_grey(page: Page, following: Following) -> None:
-    page.wait(f"!{SILENT}")
-    before = "getComputedStyle(document.getElementById('health'), '::before').content"
-    assert page.ask(before) == "none"
-    following.live.stop(signal.SIGKILL)
-    page.wait(SILENT)
-    assert "no longer current" in page.ask(before)
-    assert float(page.ask("getComputedStyle(document.getElementById('health')).opacity")) < 1.0
-    assert page.ask(f"{STATE} !== 'valid'")
-    following.live.start()
-    page.wait(f"{VALID} && !{SILENT}")
-
-
-def resize(page: Page, width_px: int, height_px: int) -> None:
+@contextmanager
+def resized(page: Page) -> Iterator[Callable[[int, int], None]]:
     """Gives a page a size, and waits until its picture has it."""
-    page.call(
-        "Emulation.setDeviceMetricsOverride",
-        width=width_px,
-        height=height_px,
-        deviceScaleFactor=1,
-        mobile=width_px < 900,
-    )
-    stage, canvas = "document.getElementById('stage')", "app.renderer.domElement"
-    same = f"{canvas}.width === {stage}.clientWidth && {canvas}.height === {stage}.clientHeight"
-    page.wait(f"innerWidth === {width_px} && innerHeight === {height_px} && {same}")
+
+    def resize(width_px: int, height_px: int) -> None:
+        page.call(
+            "Emulation.setDeviceMetricsOverride",
+            width=width_px,
+            height=height_px,
+            deviceScaleFactor=1,
+            mobile=width_px < 900,
+        )
+        stage, canvas = "document.getElementById('stage')", "app.renderer.domElement"
+        same = f"{canvas}.width === {stage}.clientWidth && {canvas}.height === {stage}.clientHeight"
+        page.wait(f"innerWidth === {width_px} && innerHeight === {height_px} && {same}")
+
+    try:
+        yield resize
+    finally:
+        page.call("Emulation.clearDeviceMetricsOverride")
 
 
-def test_the_picture_is_never_empty_after_a_change_of_size(page: Page, following: Following, browser: Browser) -> None:
+@contextmanager
+def without(page: Page, method: str) -> Iterator[None]:
+    """A page whose app does nothing in a method."""
+    page.ask(f"app.{method} = () => {{}}")
+    try:
+        yield
+    finally:
+        page.ask(f"delete app.{method}")
+
+
+def test_the_picture_is_never_empty_after_a_change_of_size(page: Page) -> None:
     """A new size clears the picture: it is drawn at once and not with the next frame, which may be late."""
-    with browser.page(following.address) as other:
-        other.wait(VALID)
-        other.ask("app.ask = () => {}")  # nothing else draws from now on
+    with resized(page) as resize, without(page, "ask"):  # nothing else draws from now on
         for width, height in ((390, 844), (844, 390)):
-            resize(other, width, height)
-            assert other.ask(PAINTED) > 20
+            resize(width, height)
+            assert page.ask(PAINTED) > 20
 
 
 LABELS = """(() => {
@@ -292,56 +305,48 @@ LABELS = """(() => {
 """The height of each label on the screen, pixels."""
 
 
-def test_frames_of_a_view_before_a_restart_are_removed(page: Page, following: Following, browser: Browser) -> None:
+def test_labels_can_be_read_on_a_phone(page: Page) -> None:
+    with resized(page) as resize:
+        for width, height in ((390, 844), (844, 390), (1400, 900)):
+            resize(width, height)
+            # the layout may change once more after the size; the labels follow with it
+            page.wait(f"Math.min(...{LABELS}) >= 15.9")
+            assert len(page.ask(LABELS)) >= 5, "those of the range rings at least"
+
+
+def test_frames_of_a_view_before_a_restart_are_removed(page: Page) -> None:
     """Another `companion view` counts time from its own start, and may know other cameras: an old frame would get a wrong age."""
-    with browser.page(following.address) as other:
-        other.wait(VALID)
-        before = "app.play(false); app.data.frames.forEach((frame) => { frame.t += 1000; });"
-        cameras = "app.data.cameras.unshift({ ...app.data.cameras[0], name: 'gone' }); app.data.frames.forEach((frame) => { frame.c = 1; });"
-        other.ask(
-            f"{before} {cameras} app.camera = 1; app.chosen = 'front'; app.updateCameras(); live.name = 'another'"
-        )
-        other.wait("live.name !== 'another'")
-        other.wait(VALID)
-        assert other.ask("Math.max(...app.data.frames.map((frame) => frame.t))") < 1000
-        assert other.ask("app.data.cameras.map((camera) => camera.name)") == ["front"]
-        assert other.ask("[app.camera, document.getElementById('camera').options.length]") == [0, 1]
-        assert float(other.ask("document.body.dataset.shown")) >= 0
+    before = "app.play(false); app.data.frames.forEach((frame) => { frame.t += 1000; });"
+    cameras = "app.data.cameras.unshift({ ...app.data.cameras[0], name: 'gone' }); app.data.frames.forEach((frame) => { frame.c = 1; });"
+    page.ask(f"{before} {cameras} app.camera = 1; app.chosen = 'front'; app.updateCameras(); live.name = 'another'")
+    page.wait("live.name !== 'another'")
+    page.wait(VALID)
+    assert page.ask("Math.max(...app.data.frames.map((frame) => frame.t))") < 1000
+    assert page.ask("app.data.cameras.map((camera) => camera.name)") == ["front"]
+    assert page.ask("[app.camera, document.getElementById('camera').options.length]") == [0, 1]
+    assert float(page.ask("document.body.dataset.shown")) >= 0
 
 
-def test_the_heading_of_now_is_that_of_the_camera_that_has_one(
-    page: Page, following: Following, browser: Browser
-) -> None:
+def test_the_heading_of_now_is_that_of_the_camera_that_has_one(page: Page) -> None:
     """Frames of a blind camera between those of another one have none."""
-    with browser.page(following.address) as other:
-        other.wait(VALID)
-        other.ask("app.append = () => {}")
+    with without(page, "append"):
         last = "app.data.frames.at(-1)"
         for later_s, known in ((0.3, True), (1.2, False)):
-            other.ask(f"app.data.frames.push({{ ...app.data.frames[0], attitude: null, t: {last}.t + {later_s} }})")
-            assert other.ask("app.attitude().attitude !== null") is known
-            other.ask("app.data.frames.pop()")
+            page.ask(f"app.data.frames.push({{ ...app.data.frames[0], attitude: null, t: {last}.t + {later_s} }})")
+            assert page.ask("app.attitude().attitude !== null") is known
+            page.ask("app.data.frames.pop()")
 
 
-def test_nothing_is_drawn_between_two_views(page: Page, following: Following, browser: Browser) -> None:
-    with browser.page(following.address) as other:
-        other.wait(VALID)
-        other.ask("app.append = () => {}; app.forget()")
-        assert other.ask("document.body.dataset.state") != "valid"
-        assert other.ask("app.frames.walls") is None
-        assert other.ask("document.getElementById('age').textContent") == ""
-        other.key(" ")
-        assert other.ask("document.getElementById('count').textContent") == ""
-
-
-def test_labels_can_be_read_on_a_phone(page: Page, following: Following, browser: Browser) -> None:
-    with browser.page(following.address) as other:
-        other.wait(VALID)
-        for width, height in ((390, 844), (844, 390), (1400, 900)):
-            resize(other, width, height)
-            # the layout may change once more after the size; the labels follow with it
-            other.wait(f"Math.min(...{LABELS}) >= 15.9")
-            assert len(other.ask(LABELS)) >= 5, "those of the range rings at least"
+def test_nothing_is_drawn_between_two_views(page: Page) -> None:
+    with without(page, "append"):
+        page.ask("app.forget()")
+        assert page.ask("document.body.dataset.state") != "valid"
+        assert page.ask("app.frames.walls") is None
+        assert page.ask("document.getElementById('age').textContent") == ""
+        page.key(" ")
+        assert page.ask("document.getElementById('count').textContent") == ""
+        page.key(" ")
+    page.wait(VALID)
 
 
 @pytest.mark.parametrize(

@@ -19,13 +19,10 @@ from ..view_scenes import blind, frame, tilted
 
 pytestmark = pytest.mark.process
 
-SIZES = {
-    "desktop": (1440, 900),
-    "tablet, upright": (820, 1180),
-    "tablet, flat": (1024, 768),
-    "phone": (390, 844),
-    "phone, flat": (844, 390),
-}
+SIZES = [(1440, 900), (820, 1180), (1024, 768), (390, 844), (844, 390)]
+"""A desktop, a tablet upright and flat, a phone upright and flat."""
+DESKTOP, PHONE = (1120, 640), (390, 844)
+"""Where the size is not the subject: small, since it is drawn by the processor."""
 BOX = "(() => { const b = document.querySelector('%s').getBoundingClientRect(); return [b.left, b.top, b.right, b.bottom]; })()"
 
 
@@ -62,66 +59,89 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def opened_at(browser: Browser, page: Path, size: tuple[int, int], address: str = "frame=0") -> Page:
-    shown = browser.page("data:text/html,wait")
+def resize(shown: Page, size: tuple[int, int]) -> None:
+    """Gives a page a size, and waits until its picture has it."""
     width, height = size
     shown.call(
         "Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=width < 1100
     )
+    stage, canvas = "document.getElementById('stage')", "window.app?.renderer.domElement"
+    same = f"{canvas}?.width === {stage}.clientWidth && {canvas}?.height === {stage}.clientHeight"
+    shown.wait(f"!window.app || (innerWidth === {width} && innerHeight === {height} && {same})")
+
+
+def opened_at(browser: Browser, page: Path, size: tuple[int, int], address: str = "frame=0") -> Page:
+    shown = browser.page("data:text/html,wait")
+    resize(shown, size)
     shown.call("Page.navigate", url=f"{page.as_uri()}#{address}")
     shown.wait("window.app && document.body.dataset.drawn !== undefined")
     return shown
 
 
-@pytest.mark.parametrize("size", SIZES.values(), ids=list(SIZES))
-def test_the_panel_does_not_cover_the_picture(browser: Browser, page: Path, size: tuple[int, int]) -> None:
-    with opened_at(browser, page, size) as shown:
-        left, top, right, bottom = shown.ask(BOX % "#stage")
-        panel = shown.ask(BOX % "aside")
-        assert panel[0] >= right or panel[1] >= bottom
-        assert (right - left) * (bottom - top) > 0.35 * size[0] * size[1]
-        assert shown.ask("document.documentElement.scrollWidth") == size[0]
-        for name in ("#canvas", "#views", "#legend", "#pilot"):
-            box = shown.ask(BOX % name)
-            assert left <= box[0] < box[2] <= right, name
-            assert top <= box[1] < box[3] <= bottom, name
-        for one, other in (("#legend", "#views > :last-child"), ("#legend", "#pilot")):
-            a, b = shown.ask(BOX % one), shown.ask(BOX % other)
-            assert a[2] <= b[0] or b[2] <= a[0] or a[3] <= b[1] or b[3] <= a[1], f"{one} covers {other}"
-        for name in ("#slider", "#strip", "#play", "#blind"):
-            box = shown.ask(BOX % name)
-            assert 0 <= box[0] < box[2] <= size[0], name
-            assert box[3] <= size[1], name
-        assert shown.ask("document.getElementById('pilot').textContent") == "PX4 · Position · ARMED"
+@pytest.fixture(scope="module")
+def module_desktop(browser: Browser, page: Path) -> Iterator[Page]:
+    with opened_at(browser, page, DESKTOP) as shown:
+        yield shown
 
 
-@pytest.mark.parametrize("size", [(700, 500), (844, 390), (390, 844)])
-def test_the_legend_does_not_cover_a_long_state_of_the_autopilot(
-    browser: Browser, page: Path, size: tuple[int, int]
-) -> None:
+@pytest.fixture
+def desktop(module_desktop: Page) -> Page:
+    """A page that shows its first frame, for tests that change nothing but what the next frame replaces."""
+    module_desktop.ask("app.show(0)")
+    return module_desktop
+
+
+def test_the_panel_does_not_cover_the_picture(browser: Browser, page: Path) -> None:
+    with opened_at(browser, page, SIZES[0]) as shown:
+        for size in SIZES:
+            resize(shown, size)
+            left, top, right, bottom = shown.ask(BOX % "#stage")
+            panel = shown.ask(BOX % "aside")
+            assert panel[0] >= right or panel[1] >= bottom
+            assert (right - left) * (bottom - top) > 0.35 * size[0] * size[1]
+            assert shown.ask("document.documentElement.scrollWidth") == size[0]
+            for name in ("#canvas", "#views", "#legend", "#pilot"):
+                box = shown.ask(BOX % name)
+                assert left <= box[0] < box[2] <= right, (name, size)
+                assert top <= box[1] < box[3] <= bottom, (name, size)
+            for one, other in (("#legend", "#views > :last-child"), ("#legend", "#pilot")):
+                a, b = shown.ask(BOX % one), shown.ask(BOX % other)
+                assert a[2] <= b[0] or b[2] <= a[0] or a[3] <= b[1] or b[3] <= a[1], f"{one} covers {other} at {size}"
+            for name in ("#slider", "#strip", "#play", "#blind"):
+                box = shown.ask(BOX % name)
+                assert 0 <= box[0] < box[2] <= size[0], (name, size)
+                assert box[3] <= size[1], (name, size)
+            assert shown.ask("document.getElementById('pilot').textContent") == "PX4 · Position · ARMED"
+
+
+def test_the_legend_does_not_cover_a_long_state_of_the_autopilot(browser: Browser, page: Path) -> None:
     """In a window of 700 x 500 the name of the autopilot was behind the legend."""
-    with opened_at(browser, page, size) as shown:
+    with opened_at(browser, page, DESKTOP) as shown:
         shown.ask(
             "document.getElementById('pilot').textContent = 'ArduPilot · mode not reported · disarmed · report old'"
         )
-        legend, pilot = shown.ask(BOX % "#legend"), shown.ask(BOX % "#pilot")
-        assert legend[2] < pilot[0] or pilot[3] < legend[1] or legend[3] < pilot[1]
-        assert pilot[2] - pilot[0] > 100
+        for size in ((700, 500), (844, 390), (390, 844)):
+            resize(shown, size)
+            legend, pilot = shown.ask(BOX % "#legend"), shown.ask(BOX % "#pilot")
+            assert legend[2] < pilot[0] or pilot[3] < legend[1] or legend[3] < pilot[1], size
+            assert pilot[2] - pilot[0] > 100, size
 
 
-@pytest.mark.parametrize("size", [(568, 320), (640, 360), (320, 568)])
-def test_nothing_covers_the_state_on_a_small_phone(browser: Browser, page: Path, size: tuple[int, int]) -> None:
-    with opened_at(browser, page, size, "frame=1") as shown:
-        banner, stage = shown.ask(BOX % "#banner"), shown.ask(BOX % "#stage")
+def test_nothing_covers_the_state_on_a_small_phone(browser: Browser, page: Path) -> None:
+    with opened_at(browser, page, PHONE, "frame=1") as shown:
         assert shown.ask("document.getElementById('banner').textContent").startswith("BLIND")
-        assert stage[3] - stage[1] > 0.25 * size[1]
-        for name in ("#canvas", "#views", "#legend", "#pilot", "aside", "footer"):
-            left, top, right, bottom = shown.ask(BOX % name)
-            assert right == left or (top >= banner[3] and bottom <= size[1]), f"{name} covers the state, or is cut off"
+        for size in ((568, 320), (640, 360), (320, 568)):
+            resize(shown, size)
+            banner, stage = shown.ask(BOX % "#banner"), shown.ask(BOX % "#stage")
+            assert stage[3] - stage[1] > 0.25 * size[1]
+            for name in ("#canvas", "#views", "#legend", "#pilot", "aside", "footer"):
+                left, top, right, bottom = shown.ask(BOX % name)
+                covered = not (right == left or (top >= banner[3] and bottom <= size[1]))
+                assert not covered, f"{name} covers the state, or is cut off, at {size}"
 
 
 def test_the_legend_names_what_its_scale_colours(browser: Browser, page: Path) -> None:
-    with opened_at(browser, page, SIZES["phone"]) as shown:
+    with opened_at(browser, page, PHONE) as shown:
         assert shown.ask("document.getElementById('ramp').textContent") == "obstacles by distance"
         assert shown.ask(
             "(() => { const r = document.getElementById('ramp'); return r.scrollWidth <= r.clientWidth; })()"
@@ -133,7 +153,7 @@ def test_the_legend_names_what_its_scale_colours(browser: Browser, page: Path) -
 
 
 def test_the_panel_of_a_phone_can_be_closed(browser: Browser, page: Path) -> None:
-    with opened_at(browser, page, SIZES["phone"]) as shown:
+    with opened_at(browser, page, PHONE) as shown:
         before = shown.ask(BOX % "#stage")
         shown.ask("document.getElementById('panel').click()")
         after = shown.ask(BOX % "#stage")
@@ -141,7 +161,7 @@ def test_the_panel_of_a_phone_can_be_closed(browser: Browser, page: Path) -> Non
 
 
 def test_the_tip_at_the_lower_border_is_inside_the_window(browser: Browser, page: Path) -> None:
-    with opened_at(browser, page, SIZES["phone"]) as shown:
+    with opened_at(browser, page, PHONE) as shown:
         shown.wait("!document.getElementById('depth').hidden")
         last_row = "const b = depth.getBoundingClientRect(), at = { clientX: b.left + 9, clientY: innerHeight - 5, bubbles: true }"
         shown.ask(
@@ -150,17 +170,16 @@ def test_the_tip_at_the_lower_border_is_inside_the_window(browser: Browser, page
         )
         assert shown.ask("document.getElementById('tip').textContent") != ""
         box = shown.ask(BOX % "#tip")
-        assert 0 <= box[1] < box[3] <= SIZES["phone"][1]
+        assert 0 <= box[1] < box[3] <= PHONE[1]
 
 
-def test_the_sectors_are_those_of_the_autopilot(browser: Browser, page: Path) -> None:
-    with opened_at(browser, page, SIZES["desktop"]) as shown:
-        assert shown.ask("document.getElementById('sentwords').textContent") == "nearest 5.0 m; 70 of 72 unknown"
-        assert shown.ask("document.getElementById('echowords').textContent") == "nearest 5.2 m; 70 of 72 unknown"
-        pixel = "[...document.getElementById('dial').getContext('2d').getImageData(130, %d, 1, 1).data].slice(0, 3)"
-        red, green, blue = shown.ask(pixel % 20)  # the outer ring, forward: an obstacle
-        assert red > 200 > green > blue - 50
-        assert shown.ask(pixel % 240) == [0x59, 0x63, 0x6E]  # behind: unknown
+def test_the_sectors_are_those_of_the_autopilot(desktop: Page) -> None:
+    assert desktop.ask("document.getElementById('sentwords').textContent") == "nearest 5.0 m; 70 of 72 unknown"
+    assert desktop.ask("document.getElementById('echowords').textContent") == "nearest 5.2 m; 70 of 72 unknown"
+    pixel = "[...document.getElementById('dial').getContext('2d').getImageData(130, %d, 1, 1).data].slice(0, 3)"
+    red, green, blue = desktop.ask(pixel % 20)  # the outer ring, forward: an obstacle
+    assert red > 200 > green > blue - 50
+    assert desktop.ask(pixel % 240) == [0x59, 0x63, 0x6E]  # behind: unknown
 
 
 WORDS = "import('viewer/pilot').then(({ ringWords }) => ringWords(%s, %s))"
@@ -168,38 +187,35 @@ FORWARD = "[...document.getElementById('dial').getContext('2d').getImageData(130
 NONE_SENT = [0x27, 0x2F, 0x38]
 
 
-def test_old_sectors_are_not_shown(browser: Browser, page: Path) -> None:
-    with opened_at(browser, page, SIZES["desktop"]) as shown:
-        old = json.dumps(PILOT | {"sent": ring(0) | {"age_s": 12.2}})
-        shown.ask(f"import('viewer/pilot').then(({{ showPilot }}) => showPilot({old}, app.data.frames[0]))")
-        assert shown.ask("document.getElementById('sentwords').textContent") == "none for 12 s"
-        assert shown.ask(FORWARD) == NONE_SENT
-        assert shown.ask("document.getElementById('echowords').textContent") == "nearest 5.2 m; 70 of 72 unknown"
+def test_old_sectors_are_not_shown(desktop: Page) -> None:
+    old = json.dumps(PILOT | {"sent": ring(0) | {"age_s": 12.2}})
+    desktop.ask(f"import('viewer/pilot').then(({{ showPilot }}) => showPilot({old}, app.data.frames[0]))")
+    assert desktop.ask("document.getElementById('sentwords').textContent") == "none for 12 s"
+    assert desktop.ask(FORWARD) == NONE_SENT
+    assert desktop.ask("document.getElementById('echowords').textContent") == "nearest 5.2 m; 70 of 72 unknown"
 
 
-def test_sectors_that_count_from_north_need_the_heading(browser: Browser, page: Path) -> None:
+def test_sectors_that_count_from_north_need_the_heading(desktop: Page) -> None:
     """Heading east: what lies in the north is on the left. A frame without an attitude has no heading."""
     north = json.dumps(PILOT | {"sent": ring(0) | {"body": False}})
-    with opened_at(browser, page, SIZES["desktop"]) as shown:
-        draw = "import('viewer/pilot').then(({ showPilot }) => showPilot(%s, { attitude: %s, heading: %s }))"
-        shown.ask(draw % (north, "[0, 0, 90]", "Math.PI / 2"))
-        left = FORWARD.replace("130, 20", "20, 130")
-        red, green, blue = shown.ask(left)
-        assert red > 200 > green > blue - 50
-        assert shown.ask(FORWARD) == [0x59, 0x63, 0x6E]
-        shown.ask(draw % (north, "null", "0"))
-        assert shown.ask(FORWARD) == shown.ask(left) == NONE_SENT
-        assert "heading is not known" in shown.ask("document.getElementById('sentwords').textContent")
+    draw = "import('viewer/pilot').then(({ showPilot }) => showPilot(%s, { attitude: %s, heading: %s }))"
+    desktop.ask(draw % (north, "[0, 0, 90]", "Math.PI / 2"))
+    left = FORWARD.replace("130, 20", "20, 130")
+    red, green, blue = desktop.ask(left)
+    assert red > 200 > green > blue - 50
+    assert desktop.ask(FORWARD) == [0x59, 0x63, 0x6E]
+    desktop.ask(draw % (north, "null", "0"))
+    assert desktop.ask(FORWARD) == desktop.ask(left) == NONE_SENT
+    assert "heading is not known" in desktop.ask("document.getElementById('sentwords').textContent")
 
 
-def test_sectors_that_are_all_unknown_are_not_called_clear_of_obstacles(browser: Browser, page: Path) -> None:
-    with opened_at(browser, page, SIZES["desktop"]) as shown:
-        unknown = json.dumps(ring(0) | {"cm": [None] * 72})
-        assert shown.ask(WORDS % (unknown, "0")) == "all 72 unknown"
+def test_sectors_that_are_all_unknown_are_not_called_clear_of_obstacles(desktop: Page) -> None:
+    unknown = json.dumps(ring(0) | {"cm": [None] * 72})
+    assert desktop.ask(WORDS % (unknown, "0")) == "all 72 unknown"
 
 
 def test_the_next_blind_moment_is_one_press_away(browser: Browser, page: Path) -> None:
-    with opened_at(browser, page, SIZES["phone"]) as shown:
+    with opened_at(browser, page, PHONE) as shown:
         for expected in (1, 4, 1):
             shown.ask("document.getElementById('blind').click()")
             shown.wait(f"document.body.dataset.drawn === '{expected}'")
@@ -209,7 +225,7 @@ def test_the_next_blind_moment_is_one_press_away(browser: Browser, page: Path) -
 
 
 def test_a_distance_is_measured_between_two_presses(browser: Browser, page: Path) -> None:
-    with opened_at(browser, page, SIZES["desktop"], "frame=0&view=top") as shown:
+    with opened_at(browser, page, DESKTOP, "frame=0&view=top") as shown:
         shown.ask("app.toggleMeasure()")
         # two points of the wall's upper edge, 4 m ahead, 0.5 m left and right, through the page's own projection
         press = (
@@ -229,7 +245,7 @@ def test_a_distance_is_measured_between_two_presses(browser: Browser, page: Path
 
 def test_unknown_space_and_all_layers_can_be_shown(browser: Browser, page: Path) -> None:
     sheets = "app.frames.group.children.filter((o) => o.isMesh && o !== app.frames.walls).map((o) => o.geometry.attributes.position.count)"
-    with opened_at(browser, page, SIZES["desktop"]) as shown:
+    with opened_at(browser, page, DESKTOP) as shown:
         both = shown.ask(sheets)
         assert len(both) == 2
         shown.ask("document.getElementById('unknown').click()")
@@ -246,7 +262,7 @@ def test_a_frame_without_attitude_is_drawn_with_the_last_known_heading(browser: 
         builder.add(replace(made, t_ns=2_500_000_000 + k * 100_000_000, sequence=k))
     page = tmp_path / "flight.html"
     page.write_text(builder.page(), encoding="utf-8")
-    with opened_at(browser, page, SIZES["desktop"], "frame=0&world=ned") as shown:
+    with opened_at(browser, page, DESKTOP, "frame=0&world=ned") as shown:
         place = "app.place(app.data.frames[app.at])"
         before = shown.ask(place), shown.ask("app.orbit.azimuth")
         shown.ask("app.show(1)")
@@ -255,9 +271,9 @@ def test_a_frame_without_attitude_is_drawn_with_the_last_known_heading(browser: 
         assert "last known heading" in shown.ask("document.getElementById('facts').textContent")
 
 
-def test_obstacles_and_trail_are_saved_as_gltf(browser: Browser, page: Path) -> None:
-    with opened_at(browser, page, SIZES["desktop"], "frame=5") as shown:
-        content = json.loads(shown.ask("app.gltf()"))
+def test_obstacles_and_trail_are_saved_as_gltf(desktop: Page) -> None:
+    desktop.ask("app.show(5)")
+    content = json.loads(desktop.ask("app.gltf()"))
     assert [m["name"] for m in content["meshes"]] == ["front_5", "trail"]
     data = base64.b64decode(content["buffers"][0]["uri"].split(",", 1)[1])
     assert len(data) == content["buffers"][0]["byteLength"]
@@ -289,7 +305,7 @@ def press(page: Page, element: str) -> None:
 
 
 def test_space_presses_the_control_that_has_the_focus_of_the_keyboard(browser: Browser, page: Path) -> None:
-    with opened_at(browser, page, SIZES["desktop"]) as shown:
+    with opened_at(browser, page, DESKTOP) as shown:
         shown.ask("document.getElementById('trail').focus()")
         press_space(shown)
         assert shown.ask("document.getElementById('trail').checked") is False
@@ -301,7 +317,7 @@ def test_space_presses_the_control_that_has_the_focus_of_the_keyboard(browser: B
 
 @pytest.mark.parametrize("control", ["#view-side", "#trail", "label:has(#trail)"])
 def test_space_plays_after_a_press_of_the_pointer(browser: Browser, page: Path, control: str) -> None:
-    with opened_at(browser, page, SIZES["desktop"]) as shown:
+    with opened_at(browser, page, DESKTOP) as shown:
         shown.ask(
             f"document.querySelector('{control}').scrollIntoView(); window.plays = 0; app.play = () => {{ plays += 1; }}"
         )

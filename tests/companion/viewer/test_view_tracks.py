@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +27,7 @@ from drivers.logs.codec import camera_message
 from drivers.logs.reader import McapRecording
 from osape_client.proto import osape_v1_pb2 as pb
 
-from ..browser import opened
+from ..browser import Browser, opened
 from ..small_recordings import INFO, EasyExtractor, flight
 from ..view_scenes import frame
 
@@ -198,22 +199,35 @@ BOXES = """Object.fromEntries(app.frames.group.children.filter((o) => o.isSprite
 """Lower and upper edge of each label on the screen."""
 
 
+@pytest.fixture(scope="module")
+def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
+    with opened(tmp_path_factory.mktemp("browser")) as browser:
+        yield browser
+
+
 @pytest.mark.process
-@pytest.mark.parametrize("size", ["1200,800", "390,844"])
-def test_the_speed_of_a_mover_does_not_cover_its_distance(tmp_path: Path, size: str) -> None:
+@pytest.mark.parametrize("size", [(1200, 800), (390, 844)])
+def test_the_speed_of_a_mover_does_not_cover_its_distance(
+    browser: Browser, tmp_path: Path, size: tuple[int, int]
+) -> None:
     builder = PageBuilder("tracks.mcap", 1)
     builder.add(frame(position_ned_m=(0.0, 0.0, -2.0), tracks=tracks_data(message(), 0.0, (10.0, 20.0, -3.0))))
     page = tmp_path / "tracks.html"
     page.write_text(builder.page(), encoding="utf-8")
-    with opened(tmp_path, size) as browser, browser.page(page.as_uri()) as shown:
-        shown.wait("document.body.dataset.drawn === '0'")
+    with browser.page("data:text/html,wait") as shown:
+        shown.call(
+            "Emulation.setDeviceMetricsOverride", width=size[0], height=size[1], deviceScaleFactor=1, mobile=False
+        )
+        shown.call("Page.navigate", url=page.as_uri())
+        shown.wait("document.body?.dataset.drawn === '0'")
+        assert shown.ask("[innerWidth, innerHeight]") == list(size)
         shown.ask(AT_THE_WALL)
         boxes = shown.ask(BOXES)
     assert boxes["moving"][0] >= boxes["4.0 m"][1]
 
 
 @pytest.mark.process
-def test_the_page_draws_outlines_and_the_arrow_of_what_moves(tmp_path: Path) -> None:
+def test_the_page_draws_outlines_and_the_arrow_of_what_moves(browser: Browser, tmp_path: Path) -> None:
     place = (10.0, 20.0, -3.0)
     plain = frame(position_ned_m=place)
     moving = dataclasses.replace(plain, sequence=8, t_ns=plain.t_ns + 10**8, tracks=tracks_data(message(), 0.0, place))
@@ -223,17 +237,16 @@ def test_the_page_draws_outlines_and_the_arrow_of_what_moves(tmp_path: Path) -> 
     page = tmp_path / "tracks.html"
     page.write_text(builder.page(), encoding="utf-8")
     pink = {}
-    with opened(tmp_path) as browser:
-        for k in (0, 1):
-            target = tmp_path / f"{k}.png"
-            with browser.page(f"{page.as_uri()}#frame={k}&numbers=1") as shown:
-                shown.wait(f"document.body.dataset.drawn === '{k}'")
-                assert shown.ask("document.getElementById('tracks').parentElement.hidden") is False
-                shown.picture(target)
-                assert shown.ask(LEGEND).startswith("trackedmovingfree")
-                shown.ask("document.getElementById('tracks').click()")
-                assert "tracked" not in shown.ask(LEGEND)
-            b, g, r = cv2.split(cv2.imread(str(target)).astype(int))
-            pink[k] = int(((r > 120) & (b > 100) & (g < r - 60) & (g < b - 30)).sum())
-        assert not browser.complaints
+    for k in (0, 1):
+        target = tmp_path / f"{k}.png"
+        with browser.page(f"{page.as_uri()}#frame={k}&numbers=1") as shown:
+            shown.wait(f"document.body.dataset.drawn === '{k}'")
+            assert shown.ask("document.getElementById('tracks').parentElement.hidden") is False
+            shown.picture(target)
+            assert shown.ask(LEGEND).startswith("trackedmovingfree")
+            shown.ask("document.getElementById('tracks').click()")
+            assert "tracked" not in shown.ask(LEGEND)
+        b, g, r = cv2.split(cv2.imread(str(target)).astype(int))
+        pink[k] = int(((r > 120) & (b > 100) & (g < r - 60) & (g < b - 30)).sum())
+    assert not browser.complaints
     assert pink[1] > pink[0] + 100
