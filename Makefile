@@ -65,14 +65,14 @@ test-computing: $(STAMP)
 	@echo "== unit tests"; $(BIN)/pytest $(BY_FILE) -n 2 -m unit tests
 
 # The kernels are compiled before, where they never were, so that no test waits for a compiler. Four at a time, since they
-# wait for a third of their time. In the order of their names: sorted by the number of tests, files of few long tests come last.
+# wait for a third of their time. The long files first (LONG_FILES in tests/conftest.py), then in the order of their names: sorted
+# by the number of tests, files of few long tests would come last.
 test-processes: $(STAMP)
 	@$(BIN)/companion warmup
 	@echo "== tests with processes, sockets and the clock"
 	@$(BIN)/pytest $(BY_FILE) --no-loadscope-reorder -n 4 -m "process and not realtime" $(call WITH_MARK,process,tests)
 
-# On a slow machine three services at once do not keep up with their cameras. In the order of their names: sorted by the number of
-# tests, the file of the guard, which takes longest, comes last.
+# On a slow machine three services at once do not keep up with their cameras. In the same order.
 test-realtime: $(STAMP)
 	@$(BIN)/companion warmup
 	@echo "== tests that follow a service in real time"

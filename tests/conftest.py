@@ -40,9 +40,32 @@ SEARCHED = ("process", "realtime", "nojit")
 """Markers whose passes in the Makefile collect only the files that contain `mark.` and the marker."""
 
 
+LONG_FILES = (
+    "guard/test_guard_process.py",
+    "live/test_service_avoids.py",
+    "live/test_signed_line.py",
+    "viewer/test_view_live.py",
+    "autopilot/test_apply_parameters.py",
+    "kernels/test_jit_cache.py",
+    "autopilot/test_fault_table.py",
+    "viewer/test_view_screens.py",
+    "doctor/test_doctor.py",
+    "kernels/test_processor_levels.py",
+    "drivers/test_mavlink_link.py",
+    "live/test_service_alone.py",
+    "kernels/test_warmup.py",
+    "autopilot/test_braking_lines.py",
+    "log/test_recorder.py",
+    "live/test_service.py",
+)
+"""The longest files of the passes with processes, in the order in which these begin them: first, so that none is left for the
+end; those that wait and those that compute in turns, so that the processors are in use. While a worker has two tests or fewer,
+pytest-xdist gives it one more file: the guard's, which has two, is followed by the short third one."""
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Marks every test without another tier as a unit test. Raises UsageError where a test has two tiers, or a marker by
-    which the Makefile would not find its file."""
+    """Marks every test without another tier as a unit test, and begins with the long files. Raises UsageError where a test has
+    two tiers, or a marker by which the Makefile would not find its file."""
     texts: dict[Path, str] = {}
     for item in items:
         for marker in SEARCHED:
@@ -60,6 +83,12 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
             raise pytest.UsageError(f"{item.nodeid} has the tiers {' and '.join(tiers)}: keep one of these markers")
         if not tiers:
             item.add_marker(pytest.mark.unit)
+    items.sort(key=lambda item: _place("/".join(item.path.parts[-2:])))
+
+
+def _place(file: str) -> int:
+    """The place of a file among the long ones; all others, in their order, are behind these."""
+    return LONG_FILES.index(file) if file in LONG_FILES else len(LONG_FILES)
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:

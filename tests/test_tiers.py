@@ -7,7 +7,7 @@ from typing import cast
 
 import pytest
 
-from .conftest import CHECKOUT, SEARCHED, pytest_collection_modifyitems
+from .conftest import CHECKOUT, LONG_FILES, SEARCHED, pytest_collection_modifyitems
 
 
 class Item:
@@ -43,6 +43,14 @@ def test_a_test_without_a_tier_is_a_unit_test(marked: Path) -> None:
     assert collected(marked) == ["unit"]
     assert collected(marked, "nojit") == ["nojit", "unit"]
     assert collected(marked, "process") == ["process"]
+
+
+def test_long_files_come_first_and_exist(tmp_path: Path) -> None:
+    files = [tmp_path / name for name in ("guard/test_a.py", *reversed(LONG_FILES), "guard/test_b.py")]
+    items = [cast("pytest.Item", Item(file, ())) for file in files]
+    pytest_collection_modifyitems(items)
+    assert [item.path for item in items] == [*(tmp_path / name for name in LONG_FILES), files[0], files[-1]]
+    assert [name for name in LONG_FILES if len(list(CHECKOUT.glob(f"tests/**/{name}"))) != 1] == []
 
 
 def test_a_test_with_two_tiers_is_an_error(marked: Path) -> None:
