@@ -1,4 +1,4 @@
-"""ONBOARD_COMPUTER_STATUS: the reported values, and that it is sent only where configured."""
+"""ONBOARD_COMPUTER_STATUS: the reported values. Sent by the service: test_service.py."""
 
 from __future__ import annotations
 
@@ -6,20 +6,10 @@ import os
 import time
 from pathlib import Path
 
-import pytest
-
-from companion.config.service import AutopilotConfig
 from companion.live.onboard_computer_status import NONE_I8, NONE_U8, NONE_U32, ComputerStatus
 from drivers.mavlink.dialect import dialect
 from drivers.mavlink.parser import MessageSplitter
-from drivers.simulation.autopilot import SimulatedAutopilot
-from drivers.simulation.autopilot_link import AutopilotLink, UdpEnd
 from osape_client.proto import osape_v1_pb2 as pb
-from tests.waiting import until
-
-from ..live_service import Live
-
-pytestmark = pytest.mark.process
 
 STAT = "cpu  9 9 9 9 9 9 9 9 0 0\ncpu0 {0} 0 0 {1} 0 0 0 0 0 0\ncpu1 50 10 10 {1} 20 5 5 0 0 0\nintr 5\n"
 
@@ -71,24 +61,3 @@ def test_the_figures_of_this_computer_are_read() -> None:
     assert len(known) == min(8, os.cpu_count() or 1)
     assert 0 < max(known) <= 100
     assert 0 < m.ram_usage < m.ram_total
-
-
-def test_the_service_sends_its_status_once_a_second_where_configured(tmp_path: Path, renders: Path) -> None:
-    """Tests of services without this setting (`test_service_avoids.py`) receive none."""
-    assert not AutopilotConfig().computer_status
-    sections = '[autopilot]\naddress = "udpin:127.0.0.1:{port}"\ncomputer_status = true\n[record]\nrecord = "off"\n'
-    live = Live(tmp_path, sections, renders)
-
-    def count(kind: str) -> int:
-        return int(line.change(lambda a: len(a.of_kind(kind))))
-
-    with AutopilotLink(SimulatedAutopilot(), UdpEnd("127.0.0.1", live.port)) as line:
-        try:
-            live.start()
-            assert until(lambda: count("HEARTBEAT") > 0)
-            before = count("HEARTBEAT")
-            assert until(lambda: count("HEARTBEAT") >= before + 3)
-            assert 2 <= count("ONBOARD_COMPUTER_STATUS") <= before + 5
-            assert live.stop() == 0
-        finally:
-            live.close()

@@ -15,6 +15,7 @@ from pathlib import Path
 
 import pytest
 
+from companion.config.service import AutopilotConfig
 from drivers.simulation.autopilot_link import AutopilotLink
 from osape_client.proto import osape_v1_pb2 as pb
 from tests.waiting import PATIENCE_S, until
@@ -29,11 +30,12 @@ name = "front"
 kind = "simulated"
 flight = "street"
 width_px = 160
-fps = 30.0
+fps = 15.0
 device = "{cable}"
 
 [autopilot]
 address = "udpin:127.0.0.1:{port}"
+computer_status = true
 
 [record]
 record = "off"
@@ -99,11 +101,11 @@ def flying(module_flying: Flying) -> Iterator[Flying]:
 
 def test_frames_flow_with_the_attitude_of_their_exposure(flying: Flying) -> None:
     begun_ns = time.monotonic_ns()
-    assert until(lambda: sum(m.valid for m in flying.prisms.since(begun_ns)) > 60)
+    assert until(lambda: sum(m.valid for m in flying.prisms.since(begun_ns)) > 30)
     # on a busy machine a frame may be blind for a moment, and is reported as blind
     frames = [m for m in flying.prisms.since(begun_ns) if m.valid]
     assert all(m.frame == "ned" for m in frames)
-    assert sum(len(m.planes.corners_m) > 0 for m in frames) > 50
+    assert sum(len(m.planes.corners_m) > 0 for m in frames) > 25
     flight = flying.live.flight()
     near = [m for m in frames if m.attitude.distance_ns < MOST_NEAR_NS]
     assert len(near) > 10
@@ -128,6 +130,27 @@ def test_a_late_subscriber_receives_at_once(flying: Flying) -> None:
     flying.live.subscribe("health", pb.Health).wait(lambda h: h.state == pb.Health.STATE_ACTIVE, PATIENCE_S)
 
 
+def test_the_state_of_the_computer_is_sent_once_a_second_where_configured(flying: Flying) -> None:
+    """Services without this setting send none: test_service_avoids.py."""
+    assert not AutopilotConfig().computer_status
+
+    def count(kind: str) -> int:
+        return int(flying.line.change(lambda a: len(a.of_kind(kind))))
+
+    beats, states = count("HEARTBEAT"), count("ONBOARD_COMPUTER_STATUS")
+    assert until(lambda: count("HEARTBEAT") >= beats + 3)
+    assert 2 <= count("ONBOARD_COMPUTER_STATUS") - states <= 5
+
+
+def test_a_second_service_is_refused_and_the_first_goes_on(flying: Flying) -> None:
+    second = flying.live.command("run", "-c", str(flying.live.config))
+    assert second.returncode == 1
+    assert flying.live.process is not None
+    assert f"another service (process {flying.live.process.pid}) publishes on" in second.stderr
+    assert "stopped" not in second.stderr, "it never ran"
+    flying.well(since_ns=time.monotonic_ns())
+
+
 SLEEPER = textwrap.dedent("""
     import sys, time, zmq
     socket = zmq.Context().socket(zmq.SUB)
@@ -147,7 +170,7 @@ def test_one_that_hangs_costs_nothing(flying: Flying) -> None:
             assert sleeper.stdout.readline().strip() == "joined"
             sleeper.send_signal(signal.SIGSTOP)
             before, begun_ns = flying.live.memory_bytes(), time.monotonic_ns()
-            assert until(lambda: len(flying.prisms.since(begun_ns)) > 120)
+            assert until(lambda: len(flying.prisms.since(begun_ns)) > 60)
             assert flying.live.memory_bytes() - before < 20e6
         finally:
             sleeper.kill()
@@ -200,7 +223,7 @@ def test_an_unplugged_camera_is_named_and_comes_back(flying: Flying) -> None:
     try:
         flying.blind_frame("unplugged", PATIENCE_S, begun_ns)
         dark_ns = time.monotonic_ns()
-        assert until(lambda: len(flying.prisms.since(dark_ns)) >= 40)
+        assert until(lambda: len(flying.prisms.since(dark_ns)) >= 20)
         assert not any(m.valid for m in flying.prisms.since(dark_ns))
     finally:
         flying.live.cable.touch()

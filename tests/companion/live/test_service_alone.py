@@ -1,4 +1,4 @@
-"""The service without a camera or an autopilot, with one camera of two, beside a second service, and after kill -9."""
+"""The service without a camera or an autopilot and with many subscribers, with one camera of two, and after kill -9."""
 
 from __future__ import annotations
 
@@ -7,16 +7,13 @@ import signal
 import socket
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 import pytest
 
-from companion.autopilot.simulate_autopilot import simulated
 from companion.replay.replay import Options, replay
 from drivers.logs.reader import McapRecording
-from drivers.simulation.autopilot import ARDUPILOT
-from drivers.simulation.autopilot_link import AutopilotLink, PtyEnd
 from osape_client.proto import osape_v1_pb2 as pb
 from tests.waiting import PATIENCE_S, until
 
@@ -30,6 +27,7 @@ name = "front"
 kind = "simulated"
 flight = "street"
 width_px = 160
+fps = 15.0
 device = "{cable}"
 """
 RIGHT = """
@@ -38,6 +36,7 @@ name = "right"
 kind = "simulated"
 flight = "street"
 width_px = 160
+fps = 15.0
 yaw_deg = 90.0
 required = false
 """
@@ -65,17 +64,23 @@ def service(folder: Path, sections: str, renders: Path) -> Iterator[Live]:
         live.close()
 
 
-def ready(live: Live) -> bool:
-    return "INFO ready" in live.output()
+def hold_connections(address: Path, number: int, open_ones: ExitStack) -> None:
+    """Connects so many sockets to a stream, and waits until the service has accepted each: ZeroMQ then sends its greeting."""
+    connections = [open_ones.enter_context(socket.socket(socket.AF_UNIX)) for _ in range(number)]
+    for connection in connections:
+        connection.connect(str(address))  # without a limit: with one, a queue of connections that is full is an error
+        connection.settimeout(PATIENCE_S)
+    assert all(connection.recv(1) == b"\xff" for connection in connections)
 
 
 def test_without_camera_and_autopilot_it_runs_and_reports_both(tmp_path: Path, renders: Path) -> None:
-    """Both are connected later; no fault is reported then."""
+    """Both are connected later; no fault is reported then. Nor do more subscribers than files may be open usually end it: libzmq
+    aborts a process that cannot accept a connection because too many files are open."""
     with service(tmp_path, CAMERA + AUTOPILOT + QUICK + NO_LOG, renders) as live:
         live.cable.unlink()
         prisms, health = live.subscribe("prisms", pb.PrismsFrame), live.subscribe("health", pb.Health)
-        live.start()
-        assert until(lambda: ready(live))
+        live.start("/bin/sh", "-c", 'ulimit -Sn 200; exec "$@"', "sh")
+        assert until(lambda: "INFO ready" in live.output())
         begun_ns = time.monotonic_ns()
         silent = f"no heartbeat of an autopilot on udpin:127.0.0.1:{live.port}"
         report = health.wait(  # the link may be opened after the first report
@@ -83,7 +88,7 @@ def test_without_camera_and_autopilot_it_runs_and_reports_both(tmp_path: Path, r
         )
         assert report.state == pb.Health.STATE_BLIND
         assert any("camera front is blind" in t for t in report.troubles)
-        assert until(lambda: len(prisms.since(begun_ns)) >= 40)
+        assert until(lambda: len(prisms.since(begun_ns)) >= 20)
         assert not any(m.valid for m in prisms.since(0))
         assert all(m.camera == "front" and m.cause == pb.CAUSE_CAMERA for m in prisms.since(begun_ns))
         status = live.command("status", "-c", str(live.config))
@@ -91,10 +96,11 @@ def test_without_camera_and_autopilot_it_runs_and_reports_both(tmp_path: Path, r
         assert status.stdout.startswith("BLIND")
         assert "autopilot: no heartbeat" in status.stdout
         live.cable.touch()
-        with flown(live):
+        with flown(live), ExitStack() as open_ones:
+            hold_connections(tmp_path / "run" / "prisms", 400, open_ones)
             prisms.wait(lambda m: m.valid, PATIENCE_S)
             health.wait(lambda h: h.state == pb.Health.STATE_ACTIVE and not h.troubles, PATIENCE_S)
-        assert live.stop() == 0
+            assert live.stop(signal.SIGINT) == 0
 
 
 def test_two_cameras_fail_independently_and_only_the_required_one_makes_the_service_blind(
@@ -119,7 +125,7 @@ def test_two_cameras_fail_independently_and_only_the_required_one_makes_the_serv
         partly = surround.wait(lambda m: [c.valid for c in m.cameras] == [True, False], PATIENCE_S)
         assert partly.valid
         dark_ns = time.monotonic_ns()
-        assert until(lambda: sum(m.camera == "front" and m.valid for m in prisms.since(dark_ns)) > 25)
+        assert until(lambda: sum(m.camera == "front" and m.valid for m in prisms.since(dark_ns)) > 12)
         assert not any(m.valid for m in prisms.since(dark_ns) if m.camera == "right")
 
         live.cable.unlink()
@@ -164,65 +170,13 @@ def test_each_failure_in_a_flight_is_reported(tmp_path: Path, renders: Path) -> 
         assert live.stop() == 0
 
 
-def test_an_ardupilot_on_a_serial_line(tmp_path: Path, renders: Path) -> None:
-    end = PtyEnd()
-    sections = CAMERA + f'\n[autopilot]\naddress = "serial:{end.device}:921600"\n' + NO_LOG
-    with service(tmp_path, sections, renders) as live:
-        autopilot = simulated(live.flight(), ARDUPILOT)
-        with AutopilotLink(autopilot, end):
-            prisms, health = live.subscribe("prisms", pb.PrismsFrame), live.subscribe("health", pb.Health)
-            live.start()
-            report = health.wait(lambda h: h.state == pb.Health.STATE_ACTIVE and not h.troubles, PATIENCE_S)
-            assert report.autopilot.autopilot == "ArduPilot"
-            frame = prisms.wait(lambda m: m.valid, PATIENCE_S)
-            assert attitude_error_deg(frame, live.flight()) < 1.0
-            assert live.stop() == 0
-
-
-def test_a_second_service_is_refused_and_the_first_goes_on(tmp_path: Path, renders: Path) -> None:
-    with service(tmp_path, CAMERA + NO_LOG, renders) as live:
-        live.start()
-        assert until(lambda: ready(live))
-        second = live.command("run", "-c", str(live.config))
-        assert second.returncode == 1
-        assert live.process is not None
-        assert f"another service (process {live.process.pid}) publishes on" in second.stderr
-        assert "stopped" not in second.stderr, "it never ran"
-        prisms = live.subscribe("prisms", pb.PrismsFrame)
-        prisms.wait(lambda m: m.camera == "front", PATIENCE_S)
-        assert live.stop(signal.SIGINT) == 0
-
-
-def test_more_subscribers_than_open_files_are_usual_do_not_end_it(tmp_path: Path, renders: Path) -> None:
-    """libzmq aborts the process when it cannot accept a connection because too many files are open."""
-    live = Live(tmp_path, AUTOPILOT + NO_LOG, renders)
-    connections: list[socket.socket] = []
-    try:
-        live.start("/bin/sh", "-c", 'ulimit -Sn 200; exec "$@"', "sh")
-        health = live.subscribe("health", pb.Health)
-        health.wait(lambda h: h.state != pb.Health.STATE_STARTING, PATIENCE_S)
-        for _ in range(400):
-            connection = socket.socket(socket.AF_UNIX)
-            connections.append(connection)
-            connection.connect(str(tmp_path / "run" / "prisms"))
-            connection.settimeout(PATIENCE_S)
-        # the greeting of ZeroMQ shows that the service has accepted it
-        assert all(connection.recv(1) == b"\xff" for connection in connections)
-        health.wait(lambda h: h.troubles, PATIENCE_S)
-        assert live.stop() == 0
-    finally:
-        for connection in connections:
-            connection.close()
-        live.close()
-
-
 def test_after_kill_9_the_next_start_repairs_the_log(tmp_path: Path, renders: Path) -> None:
     with service(tmp_path, CAMERA + AUTOPILOT, renders) as live, flown(live):
         prisms = live.subscribe("prisms", pb.PrismsFrame)
         live.start()
         prisms.wait(lambda m: m.valid, PATIENCE_S)
         begun_ns = time.monotonic_ns()
-        assert until(lambda: sum(m.valid for m in prisms.since(begun_ns)) > 90)
+        assert until(lambda: sum(m.valid for m in prisms.since(begun_ns)) > 45)
         live.kill()
         (left,) = live.logs
         assert left.name.endswith(".mcap.active")
