@@ -162,25 +162,28 @@ def test_another_vehicle_has_parameters_of_its_own() -> None:
 
 @pytest.mark.parametrize("forged", [20.0, 0.5])
 @pytest.mark.parametrize("first", [True, False])
-def test_a_forged_value_beside_the_true_one_never_moves_the_wall(forged: float, first: bool) -> None:
+@pytest.mark.parametrize(("kind", "name"), [(ARDUPILOT, "AVOID_MARGIN"), (PX4, "CP_DIST")])
+def test_a_forged_value_beside_the_true_one_never_moves_the_wall(
+    kind: str, name: str, forged: float, first: bool
+) -> None:
     """Farther away, the vehicle flies on into unobserved space; nearer, it backs away without end."""
     reader = ParameterReader()
-    reader.begin(ARDUPILOT)
-    autopilot = SimulatedAutopilot(FirmwareProfile(kind=ARDUPILOT))
-    autopilot.parameters = {"AVOID_MARGIN": 2.5}
+    reader.begin(kind)
+    autopilot = SimulatedAutopilot(FirmwareProfile(kind=kind))
+    autopilot.parameters = {name: 2.5}
     if not first:
         asked(reader, autopilot, NS, 2.0)
-        assert reader.value("AVOID_MARGIN") == 2.5
+        assert reader.value(name) == 2.5
     for step in range(600):  # a minute of forged values, ten a second
         now_ns = 4 * NS + step * NS // 10
-        receive(reader, "AVOID_MARGIN", forged, now_ns)
+        receive(reader, name, forged, now_ns)
         for message in answers(autopilot, reader.due(now_ns, 1), now_ns):
             reader.take(message, now_ns)
-        assert reader.value("AVOID_MARGIN") == (None if first else 2.5)
+        assert reader.value(name) == (None if first else 2.5)
     (lines,) = reader.contradictions(64 * NS)
     assert "another sender uses the autopilot's ids" in lines
     assert ("neither is used" in lines) == first
     assert reader.settled
     asked(reader, autopilot, 65 * NS, 40.0)
-    assert reader.value("AVOID_MARGIN") == 2.5
+    assert reader.value(name) == 2.5
     assert reader.contradictions(105 * NS) == []

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+import drivers.mavlink.conflicts as conflicts
 from companion.autopilot.line import line_of
 from companion.autopilot.obstacle_output import ObstacleOutput
 from companion.autopilot.obstacle_report import CameraUse
@@ -124,6 +125,14 @@ class Flown:
 LINES = [(PX4, "udp"), (ARDUPILOT, "pty")]
 
 
+@pytest.fixture(scope="module", autouse=True)
+def _conflicts_are_soon_over() -> Iterator[None]:
+    """3 s after their last message in place of 10: the output is checked until it is clear again."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(conflicts, "RECENT_NS", 3 * NS)
+        yield
+
+
 @contextmanager
 def connected(kind: str, way: str) -> Iterator[Flown]:
     autopilot = SimulatedAutopilot(FirmwareProfile(kind=kind, boot_at_ns=time.monotonic_ns() - 30 * NS))
@@ -221,7 +230,7 @@ def packed(message: Any, component: int) -> bytes:
     return bytes(message.pack(dialect.MAVLink(None, 1, component)))
 
 
-def conflicts(flown: Flown) -> list[bytes]:
+def other_senders(flown: Flown) -> list[bytes]:
     """A second companion that reports clear sectors, attitudes of another component, answers to a TIMESYNC request that was not sent."""
     clear = dialect.MAVLink_obstacle_distance_message(0, 4, [CLEAR_CM] * 72, 5, 20, 1200, 5.0, 0.0, 12)
     attitude = dialect.MAVLink_attitude_message(1, 0.0, 0.0, 2.0, 0.0, 0.0, 0.0)
@@ -232,7 +241,7 @@ def conflicts(flown: Flown) -> list[bytes]:
 
 def test_other_senders_do_not_make_a_blind_service_send_clear(flown: Flown) -> None:
     """As a router brings them, in between the autopilot's own words."""
-    cause = conflicts(flown)
+    cause = other_senders(flown)
     flown.delivers = False
     died_ns = flown.good_ns
     try:

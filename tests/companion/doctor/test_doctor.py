@@ -14,7 +14,7 @@ import pytest
 import zmq
 
 from companion.cli import main
-from companion.doctor import computer_check, service_check
+from companion.doctor import autopilot_check, computer_check, service_check
 from companion.doctor.doctor import print_findings
 from companion.doctor.finding import Finding
 from companion.live.health_stream import address_in_use
@@ -113,6 +113,13 @@ def test_without_obstacle_output_missing_parameters_are_no_fault(
     assert status == 0, findings
 
 
+@pytest.fixture
+def without_rates(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Rates, which are measured for three seconds, are no subject."""
+    monkeypatch.setattr(autopilot_check, "RATE_WINDOW_NS", 0)
+
+
+@pytest.mark.usefixtures("without_rates")
 def test_what_keeps_it_from_braking_is_reported(
     live: Live, line: AutopilotLink, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -274,6 +281,7 @@ def test_wrong_use(capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypat
     assert "`companion configs` lists" in capsys.readouterr().err
 
 
+@pytest.mark.usefixtures("without_rates")
 @pytest.mark.parametrize(("baud", "good"), [(57_600, False), (115_200, False), (921_600, True)])
 def test_the_line_s_budget_is_reported(
     baud: int, good: bool, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
