@@ -1,4 +1,5 @@
-"""The installed commands as processes, from a directory of images to pictures: files, output and status."""
+"""The commands from a directory of images to pictures: files, output and status. Import, replay and view as installed, in
+processes of their own."""
 
 from __future__ import annotations
 
@@ -122,7 +123,7 @@ def prisms(flight: Path) -> Path:
 
 @pytest.mark.process
 def test_replay_checks_its_own_log(prisms: Path, typed: Typed) -> None:
-    done = companion("replay", prisms, "--check", "--json")
+    done = typed("replay", prisms, "--check", "--json")
     assert (done.status, done.err) == (0, "")
     check = done.json()["check"]
     assert (check["passed"], check["compared"], check["different"]) == (True, FRAMES, 0)
@@ -147,7 +148,7 @@ def test_a_check_that_fails(prisms: Path, typed: Typed, tmp_path: Path) -> None:
 
 @pytest.mark.process
 def test_info(prisms: Path, typed: Typed) -> None:
-    done = companion("info", prisms, "--json")
+    done = typed("info", prisms, "--json")
     assert (done.status, done.err) == (0, "")
     printed = done.json()
     assert {t["topic"]: t["messages"] for t in printed["topics"]}["/camera/front/prisms"] == FRAMES
@@ -175,7 +176,7 @@ def test_a_cut_log_is_reported_by_all_and_recovered(prisms: Path, typed: Typed, 
         assert done.err.startswith("companion: error: ")
         assert "companion recover" in done.err
         assert "Traceback" not in done.err
-    done = companion("recover", cut, "-o", whole, "--json")
+    done = typed("recover", cut, "-o", whole, "--json")
     assert done.status == 0
     assert done.json()["damage"]
     assert typed("info", whole).status == 0
