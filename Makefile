@@ -14,7 +14,7 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 # Container images often set it. Each process would then compile all modules: 1.6 s of processor time for the service.
 export PYTHONDONTWRITEBYTECODE :=
 
-.PHONY: help env demo check test test-computing test-processes test-realtime test-versions nightly bench soak vm-test golden golden-recordings proto lint lock reference-tables clean
+.PHONY: help env demo check test test-computing compiled test-processes test-realtime test-versions nightly bench soak vm-test golden golden-recordings proto lint lock reference-tables clean
 
 help: ## what can be made
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:.*## /|/' | while IFS='|' read -r name what; do printf 'make %-17s  %s\n' "$$name" "$$what"; done
@@ -64,17 +64,18 @@ test-computing: $(STAMP)
 	@echo "== kernels with bounds checks"; NUMBA_BOUNDSCHECK=1 $(BIN)/pytest $(WORKERS) -n 2 -m "nojit and unit" $(call WITH_MARK,nojit,tests/core)
 	@echo "== unit tests"; $(BIN)/pytest $(BY_FILE) -n 2 -m unit tests
 
-# The kernels are compiled before, where they never were, so that no test waits for a compiler. Four at a time, since they
-# wait for a third of their time. The long files first (LONG_FILES in tests/conftest.py), then in the order of their names: sorted
-# by the number of tests, files of few long tests would come last.
-test-processes: $(STAMP)
+# So that no test with processes waits for a compiler: compiled where they never were.
+compiled: $(STAMP)
 	@$(BIN)/companion warmup
+
+# Four at a time, since they wait for a third of their time. The long files first (LONG_FILES in tests/conftest.py), then in the
+# order of their names: sorted by the number of tests, files of few long tests would come last.
+test-processes: compiled
 	@echo "== tests with processes, sockets and the clock"
 	@$(BIN)/pytest $(BY_FILE) --no-loadscope-reorder -n 4 -m "process and not realtime" $(call WITH_MARK,process,tests)
 
 # On a slow machine three services at once do not keep up with their cameras. In the same order.
-test-realtime: $(STAMP)
-	@$(BIN)/companion warmup
+test-realtime: compiled
 	@echo "== tests that follow a service in real time"
 	@$(BIN)/pytest $(BY_FILE) --no-loadscope-reorder -n 2 -m realtime $(call WITH_MARK,realtime,tests)
 
