@@ -12,7 +12,7 @@ import pytest
 
 from companion.viewer.page import PageBuilder
 
-from ..browser import Browser, opened
+from ..browser import Browser, Page, opened
 from ..view_scenes import blind, frame, tilted
 
 pytestmark = pytest.mark.process
@@ -36,36 +36,47 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-@pytest.mark.parametrize(
-    ("address", "banner", "drawn"), [("frame=0", "VALID", "0"), ("frame=1", "BLIND: too few pixels", "1")]
-)
-def test_page_opens_without_complaint_and_shows_the_status(
-    browser: Browser, page: Path, address: str, banner: str, drawn: str
-) -> None:
-    with browser.page(f"{page.as_uri()}#{address}") as shown:
-        shown.wait(f"document.body.dataset.drawn === '{drawn}'")
-        assert shown.ask(BANNER).startswith(banner)
-        facts = shown.ask("document.getElementById('facts').textContent").replace("-0°", "0°")
-        assert "roll 0°, pitch 0°, yaw 0°" in facts
+@pytest.fixture(scope="module")
+def first(browser: Browser, page: Path) -> Iterator[Page]:
+    """The page, opened at its first frame."""
+    with browser.page(f"{page.as_uri()}#frame=0") as shown:
+        shown.wait("document.body.dataset.drawn === '0'")
+        yield shown
+
+
+def shows_status(shown: Page, banner: str) -> bool:
+    facts = shown.ask("document.getElementById('facts').textContent").replace("-0°", "0°")
+    return bool(shown.ask(BANNER).startswith(banner)) and "roll 0°, pitch 0°, yaw 0°" in facts
+
+
+def picture(shown: Page, folder: Path) -> np.ndarray:
+    """The 3-D part of a page."""
+    shown.picture(folder / "page.png")
+    image = cv2.imread(str(folder / "page.png"))
+    assert image is not None
+    assert image.shape[1] == 1200
+    return image[60 : image.shape[0] - 120, :800]
+
+
+def test_page_opens_without_complaint_and_shows_the_status(browser: Browser, first: Page) -> None:
+    assert shows_status(first, "VALID")
+    assert not browser.complaints
+
+
+def test_a_blind_frame_says_so_across_the_scene(browser: Browser, page: Path, tmp_path: Path) -> None:
+    with browser.page(f"{page.as_uri()}#frame=1") as shown:
+        shown.wait("document.body.dataset.drawn === '1' && !document.getElementById('depth').hidden")
+        assert shows_status(shown, "BLIND: too few pixels")
+        b, g, r = (c.astype(int) for c in cv2.split(picture(shown, tmp_path)))
+        assert np.mean((r > 120) & (g < 70) & (b < 70)) > 0.02
         assert not browser.complaints
 
 
 def test_scene_is_drawn(browser: Browser, page: Path, tmp_path: Path) -> None:
-    shots = {}
-    addresses = {"valid": (2, "frame=2&world=ned&points=1&normals=1"), "blind": (1, "frame=1")}
-    for name, (drawn, address) in addresses.items():
-        target = tmp_path / f"{name}.png"
-        with browser.page(f"{page.as_uri()}#{address}") as shown:
-            shown.wait(f"document.body.dataset.drawn === '{drawn}' && !document.getElementById('depth').hidden")
-            shown.picture(target)
-        image = cv2.imread(str(target))
-        assert image is not None
-        assert image.shape[1] == 1200
-        shots[name] = image[60 : image.shape[0] - 120, :800]  # the 3-D part
-    colors = {name: len(np.unique(s[::2, ::2].reshape(-1, 3), axis=0)) for name, s in shots.items()}
-    assert colors["valid"] > 200
-    b, g, r = (shots["blind"][..., k].astype(int) for k in range(3))
-    assert np.mean((r > 120) & (g < 70) & (b < 70)) > 0.02, "a blind frame says so across the scene"
+    with browser.page(f"{page.as_uri()}#frame=2&world=ned&points=1&normals=1") as shown:
+        shown.wait("document.body.dataset.drawn === '2' && !document.getElementById('depth').hidden")
+        colors = picture(shown, tmp_path)[::2, ::2].reshape(-1, 3)
+    assert len(np.unique(colors, axis=0)) > 200
 
 
 ACT = """(async () => {
@@ -104,10 +115,9 @@ return JSON.stringify(tell);
 })()"""
 
 
-def test_page_is_turned_stepped_slid_and_questioned(browser: Browser, page: Path) -> None:
-    with browser.page(f"{page.as_uri()}#frame=0") as shown:
-        shown.wait("document.body.dataset.drawn === '0'")
-        tell = json.loads(shown.ask(ACT))
+def test_page_is_turned_stepped_slid_and_questioned(first: Page) -> None:
+    tell = json.loads(first.ask(ACT))
+    first.ask("app.play(false)")
     assert tell["tip"].startswith("plane 0: 4.0 m away; 1.2 to 2.6 m above the ground; margin 0.20 m")
     assert tell["turned"] == pytest.approx(0.3, abs=0.01)
     assert tell["zoomed"] == pytest.approx(1.49, abs=0.01)
@@ -118,13 +128,12 @@ def test_page_is_turned_stepped_slid_and_questioned(browser: Browser, page: Path
     assert tell["playing"] is True
 
 
-def test_page_plays_to_its_end(browser: Browser, page: Path) -> None:
-    with browser.page(f"{page.as_uri()}#frame=0") as shown:
-        shown.wait("document.body.dataset.drawn === '0'")
-        shown.ask("document.getElementById('speed').value = '4'")
-        shown.key("Home")
-        shown.ask("app.play(true)")
-        shown.wait("!app.playing && document.body.dataset.drawn === '2'")
+def test_page_plays_to_its_end(first: Page) -> None:
+    first.ask("document.getElementById('speed').value = '4'")
+    first.key("Home")
+    first.wait("document.body.dataset.drawn === '0'")
+    first.ask("app.play(true)")
+    first.wait("!app.playing && document.body.dataset.drawn === '2'")
 
 
 def test_page_that_fails_shows_the_failure(browser: Browser, page: Path) -> None:
