@@ -79,16 +79,23 @@ def opened_at(browser: Browser, page: Path, size: tuple[int, int], address: str 
 
 
 @pytest.fixture(scope="module")
-def module_desktop(browser: Browser, page: Path) -> Iterator[Page]:
-    with opened_at(browser, page, DESKTOP) as shown:
-        yield shown
+def both(browser: Browser, page: Path) -> Iterator[tuple[Page, Page]]:
+    with opened_at(browser, page, DESKTOP) as desktop, opened_at(browser, page, PHONE) as phone:
+        yield desktop, phone
 
 
 @pytest.fixture
-def desktop(module_desktop: Page) -> Page:
+def desktop(both: tuple[Page, Page]) -> Page:
     """A page that shows its first frame, for tests that change nothing but what the next frame replaces."""
-    module_desktop.ask("app.show(0)")
-    return module_desktop
+    both[0].ask("app.show(0)")
+    return both[0]
+
+
+@pytest.fixture
+def phone(both: tuple[Page, Page]) -> Page:
+    """The same on a phone."""
+    both[1].ask("app.show(0)")
+    return both[1]
 
 
 def test_the_panel_does_not_cover_the_picture(browser: Browser, page: Path) -> None:
@@ -140,37 +147,37 @@ def test_nothing_covers_the_state_on_a_small_phone(browser: Browser, page: Path)
                 assert not covered, f"{name} covers the state, or is cut off, at {size}"
 
 
-def test_the_legend_names_what_its_scale_colours(browser: Browser, page: Path) -> None:
-    with opened_at(browser, page, PHONE) as shown:
-        assert shown.ask("document.getElementById('ramp').textContent") == "obstacles by distance"
-        assert shown.ask(
-            "(() => { const r = document.getElementById('ramp'); return r.scrollWidth <= r.clientWidth; })()"
-        )
-        shown.ask(
-            "(() => { const by = document.getElementById('by'); by.value = 'flags'; by.dispatchEvent(new Event('change')); })()"
-        )
-        assert shown.ask("document.getElementById('ramp').textContent") == "depth image by distance"
+def test_the_legend_names_what_its_scale_colours(phone: Page) -> None:
+    choose = "(() => { const by = document.getElementById('by'); by.value = '%s'; by.dispatchEvent(new Event('change')); })()"
+    ramp, before = "document.getElementById('ramp')", phone.ask("document.getElementById('by').value")
+    assert phone.ask(f"{ramp}.textContent") == "obstacles by distance"
+    assert phone.ask(f"{ramp}.scrollWidth <= {ramp}.clientWidth")
+    phone.ask(choose % "flags")
+    assert phone.ask(f"{ramp}.textContent") == "depth image by distance"
+    phone.ask(choose % before)
 
 
-def test_the_panel_of_a_phone_can_be_closed(browser: Browser, page: Path) -> None:
-    with opened_at(browser, page, PHONE) as shown:
-        before = shown.ask(BOX % "#stage")
-        shown.ask("document.getElementById('panel').click()")
-        after = shown.ask(BOX % "#stage")
-        assert after[3] - after[1] > 1.3 * (before[3] - before[1])
+def test_the_panel_of_a_phone_can_be_closed(phone: Page) -> None:
+    before = phone.ask(BOX % "#stage")
+    phone.ask("document.getElementById('panel').click()")
+    after = phone.ask(BOX % "#stage")
+    assert after[3] - after[1] > 1.3 * (before[3] - before[1])
+    phone.ask("document.getElementById('panel').click()")
+    assert phone.ask(BOX % "#stage") == before
 
 
-def test_the_tip_at_the_lower_border_is_inside_the_window(browser: Browser, page: Path) -> None:
-    with opened_at(browser, page, PHONE) as shown:
-        shown.wait("!document.getElementById('depth').hidden")
-        last_row = "const b = depth.getBoundingClientRect(), at = { clientX: b.left + 9, clientY: innerHeight - 5, bubbles: true }"
-        shown.ask(
-            f"{{ const depth = document.getElementById('depth'); {last_row};"
-            " depth.dispatchEvent(new PointerEvent('pointermove', at)); }"
-        )
-        assert shown.ask("document.getElementById('tip').textContent") != ""
-        box = shown.ask(BOX % "#tip")
-        assert 0 <= box[1] < box[3] <= PHONE[1]
+def test_the_tip_at_the_lower_border_is_inside_the_window(phone: Page) -> None:
+    phone.wait("!document.getElementById('depth').hidden")
+    last_row = (
+        "const b = depth.getBoundingClientRect(), at = { clientX: b.left + 9, clientY: innerHeight - 5, bubbles: true }"
+    )
+    phone.ask(
+        f"{{ const depth = document.getElementById('depth'); {last_row};"
+        " depth.dispatchEvent(new PointerEvent('pointermove', at)); }"
+    )
+    assert phone.ask("document.getElementById('tip').textContent") != ""
+    box = phone.ask(BOX % "#tip")
+    assert 0 <= box[1] < box[3] <= PHONE[1]
 
 
 def test_the_sectors_are_those_of_the_autopilot(desktop: Page) -> None:
@@ -214,14 +221,14 @@ def test_sectors_that_are_all_unknown_are_not_called_clear_of_obstacles(desktop:
     assert desktop.ask(WORDS % (unknown, "0")) == "all 72 unknown"
 
 
-def test_the_next_blind_moment_is_one_press_away(browser: Browser, page: Path) -> None:
-    with opened_at(browser, page, PHONE) as shown:
-        for expected in (1, 4, 1):
-            shown.ask("document.getElementById('blind').click()")
-            shown.wait(f"document.body.dataset.drawn === '{expected}'")
-        strip = "[...document.getElementById('strip').getContext('2d').getImageData(%s, 3, 1, 1).data].slice(0, 3)"
-        assert shown.ask(strip % "5") == [0x43, 0xA0, 0x47]
-        assert shown.ask(strip % "Math.floor(document.getElementById('strip').width * 0.25)") == [0xE5, 0x39, 0x35]
+def test_the_next_blind_moment_is_one_press_away(phone: Page) -> None:
+    phone.wait("document.body.dataset.drawn === '0'")
+    for expected in (1, 4, 1):
+        phone.ask("document.getElementById('blind').click()")
+        phone.wait(f"document.body.dataset.drawn === '{expected}'")
+    strip = "[...document.getElementById('strip').getContext('2d').getImageData(%s, 3, 1, 1).data].slice(0, 3)"
+    assert phone.ask(strip % "5") == [0x43, 0xA0, 0x47]
+    assert phone.ask(strip % "Math.floor(document.getElementById('strip').width * 0.25)") == [0xE5, 0x39, 0x35]
 
 
 def test_a_distance_is_measured_between_two_presses(browser: Browser, page: Path) -> None:
@@ -315,14 +322,14 @@ def test_space_presses_the_control_that_has_the_focus_of_the_keyboard(browser: B
         assert shown.ask("app.playing") is False
 
 
-@pytest.mark.parametrize("control", ["#view-side", "#trail", "label:has(#trail)"])
-def test_space_plays_after_a_press_of_the_pointer(browser: Browser, page: Path, control: str) -> None:
+def test_space_plays_after_a_press_of_the_pointer(browser: Browser, page: Path) -> None:
+    pressed = (("#trail", "behind", False), ("label:has(#trail)", "behind", True), ("#view-side", "side", True))
     with opened_at(browser, page, DESKTOP) as shown:
-        shown.ask(
-            f"document.querySelector('{control}').scrollIntoView(); window.plays = 0; app.play = () => {{ plays += 1; }}"
-        )
-        press(shown, control)
-        press_space(shown)
-        assert shown.ask("window.plays") == 1
-        assert shown.ask("app.view") == ("side" if control == "#view-side" else "behind")
-        assert shown.ask("document.getElementById('trail').checked") is (control == "#view-side")
+        shown.ask("window.plays = 0; app.play = () => { plays += 1; }")
+        for plays, (control, view, has_trail) in enumerate(pressed, 1):
+            shown.ask(f"document.querySelector('{control}').scrollIntoView()")
+            press(shown, control)
+            press_space(shown)
+            assert shown.ask("window.plays") == plays, control
+            assert shown.ask("app.view") == view
+            assert shown.ask("document.getElementById('trail').checked") is has_trail
