@@ -13,7 +13,7 @@ import companion.kernels.jit_cache as jit_cache
 import companion.kernels.state_folders as state_folders
 from companion.kernels.jit_cache import VARIABLE
 
-from ..small_core import run, sources
+from ..small_core import closures_of, run, sources
 
 GiveTo = Callable[[int, Path], None]
 
@@ -29,6 +29,7 @@ def base(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.delitem(sys.modules, "numba", raising=False)
     monkeypatch.setattr(state_folders, "_held", [])
     monkeypatch.setattr(jit_cache, "_unwritable", [])
+    monkeypatch.setattr(jit_cache, "import_closures", closures_of)
     return folder
 
 
