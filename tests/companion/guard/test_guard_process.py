@@ -109,21 +109,21 @@ class Guarded:
     def comes_to(self, *states: str) -> bool:
         return until(lambda: self.state() in states)
 
-    def ready(self, *states: str) -> None:
-        """Waits for one of the states while the vehicle stands in its mission. On a busy machine the first frames are so old
-        that the guard stops the vehicle: then the pilot selects the mission again, and the guard must have seen the path since."""
+    def ready(self) -> None:
+        """Waits until the guard watches a vehicle that stands in its mission. On a busy machine the first frames are so old that
+        the guard stops the vehicle: then the pilot selects the mission again, and the guard must have seen the path since."""
 
         def reached() -> bool:
             if self.state() == "holding":
                 self.do(lambda: self.flight.enter(self._mission))
             memory = self.memory()
-            return memory.get("state") in states and not memory["blind_stop"]
+            return memory.get("state") in ("watching", "limited") and not memory["blind_stop"]
 
         assert until(reached), self.live.output()
 
     def go(self) -> None:
         """The mission begins when the guard is ready."""
-        self.ready("watching", "limited")
+        self.ready()
         self.fly()
 
     def fly(self) -> None:
@@ -204,7 +204,7 @@ def test_ardupilot_is_stopped_and_held_by_a_service_that_is_killed_while_stoppin
 ) -> None:
     with guarded(tmp_path, renders, ARDUPILOT, 1.0) as g:
         # stopping: the first command has no effect
-        g.ready("watching", "limited")
+        g.ready()
         g.do(lambda: setattr(g.flight, "stubborn", True))
         g.fly()
         assert g.comes_to("stopping"), g.live.output()
@@ -235,7 +235,7 @@ def test_ardupilot_is_stopped_and_held_by_a_service_that_is_killed_while_stoppin
         assert until(lambda: any("released" in text for text in g.texts()))
         # watching: the restarted service does not see yet, and the vehicle flies
         g.do(lambda: g.flight.enter(COPTER_AUTO))
-        g.ready("watching")
+        g.ready()
         g.kill_and_put_back()
         away = np.array([[-500.0, 0.0]])  # from the wall: starts take their time
         g.do(lambda: setattr(g.flight, "waypoints_m", away))
