@@ -7,7 +7,7 @@ import tracemalloc
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from osape_client.world.corners import (
@@ -61,7 +61,6 @@ def random_planes(rng: np.random.Generator, n: int) -> np.ndarray:
     return np.column_stack([xy, ends, top, top + rng.uniform(0.5, 6, n)])
 
 
-@settings(max_examples=25)
 @given(SEED)
 def test_as_by_looking_at_all_pairs(seed: int) -> None:
     rng = np.random.default_rng(seed)
@@ -88,7 +87,6 @@ def test_as_by_looking_at_all_pairs(seed: int) -> None:
     assert np.allclose(result.corner, corner, atol=1e-6)
 
 
-@settings(max_examples=25)
 @given(SEED)
 def test_none_that_is_near_is_overlooked(seed: int) -> None:
     rng = np.random.default_rng(seed)

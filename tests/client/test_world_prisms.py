@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from core.types import Prism
@@ -17,6 +17,7 @@ from osape_client.world.corners import is_simple
 from osape_client.world.prisms import inside, way_inside, world_prisms
 from osape_client.world.space import WorldSpace
 from tests.core.worlds import NS, house, seen
+from tests.nightly import examples
 
 shapely = pytest.importorskip("shapely")
 SEED = st.integers(0, 2**32 - 1)
@@ -68,7 +69,7 @@ def test_a_courtyard_and_a_knot_stay_open() -> None:
     assert len(prism.vertices_m) == 4
 
 
-@settings(max_examples=40)
+@examples(1.5)
 @given(SEED)
 def test_simple_agrees_with_shapely(seed: int) -> None:
     rng = np.random.default_rng(seed)
@@ -76,7 +77,7 @@ def test_simple_agrees_with_shapely(seed: int) -> None:
     assert is_simple(v) == shapely.LinearRing(v).is_simple
 
 
-@settings(max_examples=20)
+@examples(0.8)
 @given(SEED)
 def test_inside_agrees_with_shapely(seed: int) -> None:
     rng = np.random.default_rng(seed)
@@ -128,7 +129,7 @@ def test_inside_of_a_house_flown_around_is_occupied_its_roof_too() -> None:
     assert space.points([[0, 0, 0]], 0.3).tolist() == [Occupancy.UNKNOWN]
 
 
-@settings(max_examples=20)
+@examples(0.8)
 @given(SEED)
 def test_a_way_through_a_solid_between_two_planes_is_occupied(seed: int) -> None:
     """Planes that end short of a corner leave a gap there, and the solid between them has none."""

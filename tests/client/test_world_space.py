@@ -7,12 +7,13 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from core.world.snapshot import WorldSnapshot
 from osape_client.query.space import Occupancy
 from osape_client.world.space import CELL_M, WorldSpace
+from tests.nightly import examples
 
 shapely = pytest.importorskip("shapely")
 SEED = st.integers(0, 2**32 - 1)
@@ -61,7 +62,7 @@ def to_plane(r: np.ndarray, at: np.ndarray) -> float:
     return math.hypot(flat[0], flat[1], max(0.0, r[4] - at[2], at[2] - r[5]))
 
 
-@settings(max_examples=15)
+@examples(0.6)
 @given(SEED, st.sampled_from([0.0, 0.2, 0.5, 0.8]))
 def test_points_against_every_plane_and_every_cell(seed: int, radius: float) -> None:
     rng = np.random.default_rng(seed)
@@ -75,7 +76,7 @@ def test_points_against_every_plane_and_every_cell(seed: int, radius: float) -> 
             assert (answer == Occupancy.FREE) == ball_free(p, point, radius)
 
 
-@settings(max_examples=15)
+@examples(0.6)
 @given(SEED)
 def test_a_way_that_is_free_has_no_point_that_is_not(seed: int) -> None:
     rng = np.random.default_rng(seed)

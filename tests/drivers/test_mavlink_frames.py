@@ -5,11 +5,12 @@ from __future__ import annotations
 import struct
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.mavlink.dialect import dialect
 from drivers.mavlink.parser import MessageSplitter
+from tests.nightly import examples
 
 ENCODER = dialect.MAVLink(None, 1, 1)
 
@@ -18,7 +19,7 @@ def attitude(k: int) -> bytes:
     return bytes(dialect.MAVLink_attitude_message(k, 0.1, 0.2, 0.3, 0.0, 0.0, 0.0).pack(ENCODER))
 
 
-@settings(max_examples=150, deadline=None)
+@examples(6)
 @given(st.lists(st.binary(max_size=30), min_size=1, max_size=12), st.integers(1, 64))
 def test_noise_hides_no_message(noises: list[bytes], step: int) -> None:
     """Whatever comes between, and however the line cuts it, every whole message is found once, in order."""

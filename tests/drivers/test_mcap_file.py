@@ -22,6 +22,7 @@ from drivers.logs.codec import attitude_message, camera_from_message, camera_mes
 from drivers.logs.reader import McapRecording
 from drivers.logs.record_scanner import Damage, Logged, McapScan
 from drivers.logs.topics import TOPICS
+from tests.nightly import first
 
 from ..companion.small_recordings import INFO, MS, START_NS, attitude, flight, frame, write_flight
 
@@ -81,7 +82,7 @@ def test_a_log_cut_at_any_byte_gives_what_is_before_the_cut(tmp_path):
     data = write_flight(tmp_path / "long.mcap", expected).read_bytes()
     cut = tmp_path / "cut.mcap"
     delivered = []
-    for size in [*range(0, len(data), len(data) // 120), *range(len(data) - 12, len(data))]:
+    for size in [*range(0, len(data), len(data) // 50), *range(len(data) - 12, len(data))]:
         cut.write_bytes(data[:size])
         events, problem = read(cut)
         assert problem is not None, f"cut at {size} of {len(data)} bytes"
@@ -193,7 +194,7 @@ def test_a_log_that_ends_with_zeros_is_cut_there(tmp_path):
     assert "no record begins with 0x00" in read(killed)[1]
 
 
-@pytest.mark.parametrize("seed", range(60))
+@pytest.mark.parametrize("seed", first(20, range(60)))
 def test_a_flipped_byte_is_never_taken_for_data(whole, tmp_path, seed):
     rng = np.random.default_rng(seed)
     data = bytearray(whole.read_bytes())
@@ -207,7 +208,7 @@ def test_a_flipped_byte_is_never_taken_for_data(whole, tmp_path, seed):
     assert all(same(a, b) for a, b in zip(events, flight(), strict=False))
 
 
-@pytest.mark.parametrize("seed", range(20))
+@pytest.mark.parametrize("seed", first(5, range(20)))
 def test_noise_after_the_magic_is_an_error_of_ours(tmp_path, seed):
     noise = np.random.default_rng(seed).integers(0, 256, 4000, dtype=np.uint8).tobytes()
     path = tmp_path / "noise.mcap"

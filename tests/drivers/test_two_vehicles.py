@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
 
 import pytest
@@ -17,6 +18,7 @@ from drivers.mavlink.timesync import TimeSync
 from drivers.simulation.autopilot import SimulatedAutopilot
 from drivers.simulation.firmware_profile import FirmwareProfile
 from drivers.simulation.flight_path import VehicleState
+from tests.nightly import nightly
 
 from .conversation import MS, NS, Conversation, talk, turning
 
@@ -37,9 +39,17 @@ def two(after_s: float, *, answers: tuple[bool, bool], other_first: bool = False
     return c
 
 
-@pytest.mark.parametrize("after_s", [-400.0, -5.0, -0.3, -0.03, 0.03, 0.3, 5.0, 40.0])
-@pytest.mark.parametrize("answers", [(True, True), (False, False)])
-@pytest.mark.parametrize("other_first", [False, True])
+BOTH, NEITHER = (True, True), (False, False)
+DAILY = [
+    *[(after_s, BOTH, after_s < 0.1) for after_s in (-400.0, -0.3, 0.03, 0.3, 5.0)],
+    *[(-0.3, NEITHER, False), (0.03, NEITHER, True), (40.0, NEITHER, False)],
+]
+"""The other one started earlier, at nearly the same time and later, it answers first or second, or neither answers."""
+AFTER_S = (-400.0, -5.0, -0.3, -0.03, 0.03, 0.3, 5.0, 40.0)
+OTHERS = [case for case in itertools.product(AFTER_S, (BOTH, NEITHER), (False, True)) if case not in DAILY]
+
+
+@pytest.mark.parametrize(("after_s", "answers", "other_first"), [*DAILY, *nightly(*OTHERS)])
 def test_attitudes_of_two_vehicles_are_not_used(after_s: float, answers: tuple[bool, bool], other_first: bool) -> None:
     """Used were those of both in turns where one had started less than a second after the other, and where the other one
     answered first; without answers those of the vehicle whose clock was ahead."""
@@ -54,7 +64,7 @@ def test_attitudes_of_two_vehicles_are_not_used(after_s: float, answers: tuple[b
     )
 
 
-@pytest.mark.parametrize("after_s", [-0.3, -0.03, 0.03, 0.3])
+@pytest.mark.parametrize("after_s", [-0.03, 0.3])
 def test_attitudes_of_a_second_vehicle_that_answers_nothing_are_recognised(after_s: float) -> None:
     c = two(after_s, answers=(True, False))
     c.run(LASTS_NS / NS + 1.5)

@@ -9,7 +9,7 @@ import math
 from dataclasses import replace
 
 import numpy as np
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from companion.autopilot.failsafe import (
@@ -27,6 +27,7 @@ from companion.autopilot.polar_histogram import SECTORS, SectorScan, SectorState
 from companion.autopilot.report_builder import ObstacleReportBuilder
 from companion.config.avoidance import AvoidParams
 from drivers.mavlink.session_types import ARDUPILOT, PX4
+from tests.nightly import examples
 
 from ..report_chain import CAMERA, Chain
 from ..report_chain import CLEAR as CLEAR_VIEW
@@ -77,7 +78,7 @@ def drawn(rng: np.random.Generator, now_ns: int) -> PolicyInput:
     )
 
 
-@settings(max_examples=60)
+@examples(3)
 @given(st.integers(0, 2**32 - 1), st.sampled_from(AUTOPILOTS), st.sampled_from(["auto", "stop", "unknown"]))
 def test_the_rules_hold_in_every_state(seed: int, autopilot: AutopilotNow, blind: str) -> None:
     rng, now_ns = np.random.default_rng(seed), 100 * NS
@@ -155,7 +156,7 @@ class Evidence:
         return now_ns - last[-1][0] <= 300 * MS and now_ns - self.attitude_ns <= 150 * MS
 
 
-@settings(max_examples=25)
+@examples(0.3)
 @given(st.integers(0, 2**32 - 1))
 def test_no_sector_is_clear_without_the_evidence_for_it(seed: int) -> None:
     """Random faults of the frames, of their stamps, of the attitude and of the camera, in any order and for any time."""

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
@@ -37,6 +37,7 @@ from drivers.simulation.firmware_models.px4 import Px4Reader
 from drivers.simulation.scenes import Scene, SceneBuilder
 from drivers.simulation.sensor_model import SensorModel
 from drivers.simulation.source import Rendered, camera_info, render
+from tests.nightly import examples, nightly
 
 from ..sector_models import model, wall_at
 
@@ -397,7 +398,6 @@ def hidden_share(unmeasured: NDArray[np.bool_], range_m: float) -> NDArray[np.fl
     return out
 
 
-@settings(max_examples=60, deadline=None)
 @given(st.integers(0, 2**32 - 1))
 def test_nothing_is_sent_farther_than_an_unmeasured_obstacle_may_be(seed: int) -> None:
     """Of every sector half of which is hidden by regions without a measurement, which may be things 2.5 m to 8 m away."""
@@ -432,7 +432,7 @@ def test_nothing_is_sent_farther_than_an_unmeasured_obstacle_may_be(seed: int) -
 # ---- low flight -------------------------------------------------------------------------------------------------------
 
 
-@settings(max_examples=40, deadline=None)
+@examples(0.5)
 @given(st.floats(0.3, 1.0), st.floats(0.3, 1.2), st.sampled_from([0.0015, 0.005]), st.floats(-0.1, 0.1))
 def test_a_surface_within_the_band_is_never_called_clear(
     height_m: float, band_below_m: float, ke_per_m: float, tilt_rad: float
@@ -505,7 +505,7 @@ def test_a_raised_surface_taken_for_the_ground_is_never_called_clear() -> None:
         assert (encoded(sectors, AVOID) != clear_cm(AVOID)).all()
 
 
-@pytest.mark.parametrize("height_m", [0.05, 0.06, 0.08, 0.1, 0.12])
+@pytest.mark.parametrize("height_m", [0.05, 0.12, *nightly(0.06, 0.08, 0.1)])
 def test_the_floor_before_take_off_is_no_wall(height_m: float) -> None:
     """ArduCopter arms when nothing is nearer than 0.6 m. A wall ahead keeps its place, and open floor is not clear."""
     ke_per_m = 0.005

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from companion.guard.machine import GuardMachine
@@ -15,6 +15,7 @@ from companion.guard.states import (
     StopCommand,
 )
 from drivers.mavlink.commands import COPTER_LOITER, DO_CHANGE_SPEED, DO_SET_MODE
+from tests.nightly import examples
 
 from ..guard_machine import (
     ALT_HOLD,
@@ -70,7 +71,7 @@ def apply(f: Flight, event: str, value: object, asked: list[Output]) -> None:
         setattr(f, {"system": "system_id"}.get(event, event), value)
 
 
-@settings(max_examples=300, deadline=None)
+@examples(10)
 @given(st.lists(EVENTS, min_size=1, max_size=40), st.sampled_from(["ArduPilot", "PX4"]))
 def test_never_commands_in_a_manual_mode_nor_another_vehicle(events: list[tuple[str, object]], kind: str) -> None:
     f = Flight(kind, MODES[kind][0])

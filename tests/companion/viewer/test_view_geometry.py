@@ -7,7 +7,7 @@ import math
 import cv2
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from companion.viewer.colors import (
@@ -32,6 +32,7 @@ from companion.viewer.geometry import (
     plane_corners_m,
 )
 from core.frames import R_CAMFRD_OPTICAL, rotation_from_euler, rotation_level_cam_optical
+from tests.nightly import examples
 
 from ..view_scenes import INFO, INTRINSICS, blind, frame, model
 
@@ -39,7 +40,7 @@ angles = st.floats(-0.5, 0.5)
 coordinates = st.floats(-8, 8).map(lambda v: round(v, 3))
 
 
-@settings(max_examples=60, deadline=None)
+@examples(2)
 @given(angles, angles, st.floats(2, 15), st.floats(-3, 3), st.floats(-3, 3))
 def test_projection_agrees_with_opencv(roll: float, pitch: float, x: float, ya: float, yb: float) -> None:
     R = rotation_level_cam_optical(rotation_from_euler(roll, pitch, 0.3) @ R_CAMFRD_OPTICAL)
