@@ -12,14 +12,17 @@ from companion.autopilot.obstacle_report import CameraUse
 from companion.autopilot.report_builder import ObstacleReportBuilder
 from companion.autopilot.surroundings import Surroundings
 from core.types import FrameModel
+from tests.nightly import nightly
 
 from ..hovering import CLEAR_CM, one_frame, pole, seeing
 from ..report_chain import ARDUPILOT, AVOID, CAMERA, CLEAR, PX4, Chain
 from ..sector_models import model
 
 
-@pytest.mark.parametrize("autopilot", [PX4, ARDUPILOT])
-@pytest.mark.parametrize("distance_m", [1.5, 3.0, 5.5])
+@pytest.mark.parametrize(
+    ("autopilot", "distance_m"),
+    [(PX4, 1.5), (ARDUPILOT, 5.5), *nightly((PX4, 5.5), (ARDUPILOT, 1.5), (PX4, 3.0), (ARDUPILOT, 3.0))],
+)
 def test_few_pixels_on_one_frame_are_neither_sent_nor_remembered(autopilot: object, distance_m: float) -> None:
     chain = seeing()
     one_frame(chain, pole(distance_m, 8))
@@ -171,6 +174,6 @@ def test_a_thin_pole_that_is_approached_without_a_position_is_sent_from_the_seco
 
 def test_a_hover_before_a_bare_wall_sends_nothing_near() -> None:
     """The typical camera of 320x240 pixels. Without confirmation the memory makes half of all messages of 2 % of the frames."""
-    assert hover(60, 0).near > 12
-    assert hover(60, 8, "PX4").near == 0
-    assert hover(60, 8).near <= 1, "sectors that were not kept: the end of the free space, or the wall"
+    assert hover(40, 0).near > 6
+    assert hover(40, 8, "PX4").near == 0
+    assert hover(40, 8).near <= 1, "sectors that were not kept: the end of the free space, or the wall"

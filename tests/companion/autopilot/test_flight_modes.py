@@ -207,9 +207,9 @@ def test_px4_need_not_send_obstacles_back_before_position_mode(monkeypatch: pyte
             obstacle_output.sender._send(chain.now_ns)
         return "obstacles_not_accepted" in [d.code for d in obstacle_output.diagnostics(chain.now_ns)]
 
-    assert not faulty(9.0)
+    assert not faulty(6.0)
     now[0] = vehicle("PX4", PX4["Orbit"])
-    assert not faulty(9.0)
+    assert not faulty(6.0)
     now[0] = vehicle("PX4", PX4["Position"])
     assert not faulty(3.0)
     assert faulty(4.0)

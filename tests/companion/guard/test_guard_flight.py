@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import replace
 from typing import Any
 
@@ -19,12 +20,12 @@ from drivers.simulation.firmware_models.auto_flight import COPTER_AUTO, COPTER_B
 from drivers.simulation.scenes import Scene, SceneBuilder
 from drivers.simulation.sensor_model import TYPICAL
 from drivers.simulation.source import camera_info
+from tests.nightly import nightly
 
 WIDTH = 160
 GUARD = GuardParams(enabled=True)
 COARSE = AvoidParams(rays=2, slices=6, step_m=0.5)
-"""Fewer places to look at: two thirds of the time. The first two flights of `test_stops_before_a_wall` and the corners are flown
-with the default."""
+"""Fewer places to look at: two thirds of the time. The corners are flown with the default."""
 OFF = GuardParams(enabled=True, mission=False, guided=False, return_home=False)
 
 
@@ -58,7 +59,11 @@ def flown(autopilot: str, guard: GuardParams = GUARD, avoid: AvoidParams | None 
 
 @pytest.mark.parametrize(
     ("autopilot", "guided", "avoid"),
-    [("PX4", False, None), ("ArduPilot", True, None), ("ArduPilot", False, COARSE), ("PX4", True, COARSE)],
+    [
+        ("ArduPilot", True, COARSE),
+        ("PX4", True, COARSE),
+        *nightly(("PX4", False, None), ("ArduPilot", True, None), ("ArduPilot", False, COARSE)),
+    ],
 )
 def test_stops_before_a_wall(autopilot: str, guided: bool, avoid: AvoidParams | None) -> None:
     f = flown(autopilot, avoid=avoid, guided=guided)
@@ -72,13 +77,8 @@ def test_stops_before_a_wall(autopilot: str, guided: bool, avoid: AvoidParams | 
     ("autopilot", "at_m"),
     [
         ("PX4", 3.5),
-        pytest.param("PX4", 4.5, marks=pytest.mark.slow),
-        ("PX4", 5.5),
-        pytest.param("PX4", 6.5, marks=pytest.mark.slow),
-        ("ArduPilot", 3.5),
-        pytest.param("ArduPilot", 4.5, marks=pytest.mark.slow),
         ("ArduPilot", 5.5),
-        pytest.param("ArduPilot", 6.5, marks=pytest.mark.slow),
+        *nightly(("ArduPilot", 3.5), ("PX4", 5.5), *itertools.product(("PX4", "ArduPilot"), (4.5, 6.5))),
     ],
 )
 def test_a_mission_that_begins_close_to_a_wall_is_stopped(autopilot: str, at_m: float) -> None:
@@ -116,7 +116,7 @@ def loop_of(autopilot: str, at_m: float, speed_m_s: float) -> GuardLoop:
     return loop
 
 
-@pytest.mark.parametrize(("autopilot", "at_m"), [("PX4", 8.5), ("ArduPilot", 6.5)])
+@pytest.mark.parametrize(("autopilot", "at_m"), [("ArduPilot", 6.5), *nightly(("PX4", 8.5))])
 def test_a_speed_item_of_the_mission_during_a_limit_does_not_defeat_the_stop(autopilot: str, at_m: float) -> None:
     """The mission sets 8 m/s while the guard limits the speed to 1 or 2 m/s: the stop goes by the measured velocity."""
     loop = loop_of(autopilot, 16.0, 3.0)
@@ -128,7 +128,7 @@ def test_a_speed_item_of_the_mission_during_a_limit_does_not_defeat_the_stop(aut
     assert clearance_m(loop.scene, loop.place_m) - loop.avoid.radius_m > 0.5
 
 
-@pytest.mark.parametrize("yaw", [Yaw.FIRST, Yaw.WAYPOINT])
+@pytest.mark.parametrize("yaw", [Yaw.WAYPOINT, *nightly(Yaw.FIRST)])
 def test_a_pole_behind_a_corner_that_is_flown_through(yaw: Yaw) -> None:
     """The flight that left 0.04 m. The pole is beside the tangent until the braking distance does not fit any more: with the rate of
     the course taken as 0 it leaves 0.11 and 0.13 m."""
