@@ -22,6 +22,7 @@ from drivers.cameras.row_alignment import MEASUREMENTS
 from drivers.cameras.stereo import MatchParams, StereoDepth
 from drivers.cameras.whole_buffers import MOST_IN_A_ROW
 from drivers.cameras.zed_uvc import ZedSettings, ZedSource, halves
+from tests.nightly import nightly
 
 from .test_v4l2_depth import FakeStream
 from .zed_images import CALIBRATION, side_by_side
@@ -114,8 +115,7 @@ class Fed(DeviceVideo):
         return super().read(timeout_s)
 
 
-@pytest.mark.parametrize("black_rows", [0, 120])
-@pytest.mark.parametrize("faulty", [False, True])
+@pytest.mark.parametrize(("faulty", "black_rows"), [(False, 120), (True, 0), *nightly((False, 0), (True, 120))])
 def test_an_image_that_lost_a_packet_is_left_out_whatever_it_ends_with(black_rows: int, faulty: bool) -> None:
     """With black rows at its end nothing in the image shows it: it was measured too far by more than a fifth in places."""
     whole, torn = sent(5, black_rows), without_packet(sent(5, black_rows))

@@ -23,6 +23,7 @@ from drivers.cameras.zed_calibration import (
     parse_zed_calibration,
 )
 from drivers.cameras.zed_uvc import ZedSettings, ZedSource, halves
+from tests.nightly import nightly
 
 from .zed_images import CALIBRATION, NEW, pair, side_by_side
 
@@ -90,7 +91,7 @@ def test_an_image_that_arrived_in_part_is_left_out() -> None:
     assert [source.read(1.0) is not None for _ in range(3)] == [True, False, True]
 
 
-@pytest.mark.parametrize("lost", [1012, 2024])
+@pytest.mark.parametrize("lost", [1012, *nightly(2024)])
 def test_an_image_that_lost_a_packet_would_be_measured_too_far_and_is_left_out(lost: int) -> None:
     """The kernel's driver moves up what follows the packet: both halves then show parts of both eyes, in the same rows."""
     sent, held = (cv2.cvtColor(side_by_side(6.0), cv2.COLOR_BGR2GRAY) for _ in range(2))
@@ -266,7 +267,7 @@ def test_parameters_out_of_range_are_named() -> None:
         MatchParams(disparities=0)
 
 
-@pytest.mark.parametrize(("disparities", "configured_m"), [(48, 0.5), (40, 0.5), (48, 1.2), (96, 0.3)])
+@pytest.mark.parametrize(("disparities", "configured_m"), [(40, 0.5), (48, 1.2), *nightly((48, 0.5), (96, 0.3))])
 def test_no_depth_that_the_search_cannot_find_is_stated_as_measurable(disparities: int, configured_m: float) -> None:
     """Free space relies on it: a thing that is too near to be measured leaves a small hole only, which ends the free range only up
     to 1.5 times the least range (core/stages/free_holes.py). Before, 0.5 m was stated for every width and number of disparities."""

@@ -22,6 +22,7 @@ from drivers.cameras.zed_calibration import (
 from drivers.cameras.zed_uvc import halves
 from drivers.simulation.stereo.stereo_profiles import ZED, StereoCamera
 from drivers.simulation.stereo.stereo_scenes import make_stereo_scene
+from tests.nightly import nightly
 
 from .zed_images import NEW, OLD, pair
 
@@ -105,7 +106,7 @@ def test_a_real_factory_file(shared_data: Path) -> None:
     assert c.R[0, 2] == pytest.approx(0.0228216, abs=1e-4)  # about y: z turns into x
 
 
-@pytest.mark.parametrize("z_m", [1.5, 3.0, 6.0])
+@pytest.mark.parametrize("z_m", [3.0, *nightly(1.5, 6.0)])
 def test_the_depth_of_a_drawn_wall_through_distortion_and_rotation(z_m: float) -> None:
     """Median error below 0.12 px of disparity, nine tenths below a quarter; most pixels measured."""
     c = parse_zed_calibration(NEW, "SN2.conf", 672, 376)
@@ -169,7 +170,7 @@ def test_another_focal_length_is_found() -> None:
     assert "upper and lower" in found.fault
 
 
-@pytest.mark.parametrize("scene", ["field", "street", "hill_crest"])
+@pytest.mark.parametrize("scene", ["field", *nightly("street", "hill_crest")])
 def test_a_rolled_camera_is_found_over_open_ground(scene: str) -> None:
     """Corners lie in the middle of the image there: with a roll of 1 degree their median difference is 1.2 to 1.4 px."""
     camera = StereoCamera(ZED)
