@@ -195,6 +195,7 @@ def test_logs_that_cannot_be_read_are_counted_at_the_end_and_give_status_1(
     assert json.loads(capsys.readouterr().out)["unread_files"] == {"v/20261101-100000": 1, "v/empty": 1}
 
 
+@pytest.mark.usefixtures("in_process")
 def test_a_truncated_log_is_no_failure(fleet: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Its readable part is in the tables."""
     (cut,) = fleet.glob("beta/20261103*")

@@ -134,7 +134,10 @@ def test_it_listens_on_this_machine_only(server: MetricsServer) -> None:
     assert server._server.socket.getsockname()[0] == LOOPBACK
 
 
-def test_a_client_that_reports_nothing_does_not_stop_the_others(server: MetricsServer) -> None:
+def test_a_client_that_reports_nothing_does_not_stop_the_others(
+    server: MetricsServer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(metrics_server, "CLIENT_TIMEOUT_S", 0.2)
     server.update(fresh())
     with socket.create_connection((LOOPBACK, server.port)):
         assert fetched(server.port)[0] == 200

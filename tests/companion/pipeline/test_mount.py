@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
 
 import numpy as np
@@ -280,6 +281,11 @@ def test_each_verdict_has_its_code(verdict: MountVerdict, code: str) -> None:
     assert mount_text(health)
 
 
+@functools.cache
+def first_result() -> PrismsResult:
+    return results(feed(pipeline_of(simulated_info(160, 120)), images(1)))[0]
+
+
 def watched(
     state: MountState,
     ground: Ground,
@@ -288,7 +294,7 @@ def watched(
     seen_ms: tuple[int, ...] = (),
 ) -> tuple[MountWatch, CameraInfo]:
     """After frames that all show the same. at_ms: when; seen_ms: of those, the ones that show the ground."""
-    result = results(feed(pipeline_of(simulated_info(160, 120)), images(1)))[0]
+    result = first_result()
     assert result.model is not None
     model = dataclasses.replace(
         result.model, ground=ground, stats=dataclasses.replace(result.model.stats, measured_share=measured)

@@ -5,9 +5,13 @@ What each asserts was measured with some room to spare; the figures of the day a
 
 from __future__ import annotations
 
+import contextlib
 import csv
+import io
+import json
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -17,7 +21,7 @@ from companion.cli import main
 from companion.pipeline.encode import prisms_from_message
 from companion.pipeline.results import PrismsResult
 from core.frames import R_CAMFRD_OPTICAL, rotation_from_quaternion
-from core.types import CameraInfo, DepthFrame, FrameModel
+from core.types import FAR_MM, CameraInfo, DepthFrame, FrameModel
 from drivers.logs.reader import McapRecording
 from osape_client.proto import osape_v1_pb2 as pb
 
@@ -66,11 +70,12 @@ class Frame:
 
 @dataclass(frozen=True)
 class Replayed:
-    """A recording after import and replay by the commands. used: decisions that say so."""
+    """A recording after import and replay by the commands. used: decisions that say so; offset: of the exposures, in the report."""
 
     info: CameraInfo
     used: int
     frames: list[Frame]
+    offset: dict[str, Any]
 
 
 @pytest.fixture(scope="session", params=COUNTS)
@@ -82,7 +87,9 @@ def replayed(
     config = CHECKOUT / "configs" / ("default.toml" if name == "cape_tunnel" else "indoor.toml")
     recording, log = folder / "in.mcap", folder / "out.mcap"
     assert main(["import", str(shared_data / name), "-o", str(recording), "-c", str(config), "--no-tlog"]) == 0
-    assert main(["replay", str(recording), "-o", str(log)]) == 0
+    with contextlib.redirect_stdout(io.StringIO()) as report:
+        assert main(["replay", str(recording), "-o", str(log), "--json"]) == 0
+    (offset,) = json.loads(report.getvalue())["exposure_offsets"]
     with (shared_data / name / "frames.csv").open() as file:
         floors = [float(row["ground_height_m"]) for row in csv.DictReader(file)]
     with McapRecording(log) as source:
@@ -92,7 +99,7 @@ def replayed(
     result = [prisms_from_message(m) for m in logged if isinstance(m, pb.PrismsFrame)]
     used = sum(m.used for m in logged if isinstance(m, pb.FrameDecision))
     frames = [Frame(*three) for three in zip(depths, result, floors, strict=True)]
-    return name, Replayed(info, used, frames)
+    return name, Replayed(info, used, frames, offset)
 
 
 def test_the_right_mount_is_left_alone(replayed: tuple[str, Replayed]) -> None:
@@ -105,6 +112,15 @@ def test_every_frame_is_used_and_gives_a_result(replayed: tuple[str, Replayed]) 
     name, got = replayed
     assert len(got.frames) == got.used == COUNTS[name]
     assert all(frame.result.valid for frame in got.frames)
+    assert all(frame.depth.depth_mm.max() < FAR_MM for frame in got.frames), "no file has far pixels"
+
+
+def test_the_offset_of_the_exposures_is_not_reported(replayed: tuple[str, Replayed]) -> None:
+    """The attitude is derived from the images: the offset is 0."""
+    _, got = replayed
+    assert got.offset["warning"] == ""
+    if got.offset["offset_ms"] is not None:
+        assert abs(got.offset["offset_ms"]) < 3.0
 
 
 def test_the_floor_lies_where_it_was_measured(replayed: tuple[str, Replayed]) -> None:

@@ -23,6 +23,7 @@ from drivers.simulation.scene_library import make_scene
 from drivers.simulation.sensor_model import TYPICAL
 from drivers.simulation.source import camera_info
 from osape_client.proto import osape_v1_pb2 as pb
+from tests.nightly import nightly
 
 DEG = math.pi / 180.0
 SWAY = (0.01, 0.015, 0.005)
@@ -66,7 +67,8 @@ def measured(events: Iterable[Event], error_deg: float, true: CameraMount = AHEA
 
 
 @pytest.mark.parametrize(
-    ("scene", "error_deg"), [("street", 0.0), ("street", 5.0), ("street", -10.0), ("trees", 0.0), ("trees", 5.0)]
+    ("scene", "error_deg"),
+    [("street", 0.0), ("street", 5.0), ("street", -10.0), *nightly(("trees", 0.0), ("trees", 5.0))],
 )
 def test_the_yaw_is_measured_in_straight_flight(scene: str, error_deg: float) -> None:
     yaw = measured(flown_straight(scene), error_deg)

@@ -327,7 +327,7 @@ def test_configs_are_listed_and_copied(
 
 def test_a_port_that_cannot_be_opened_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """As without the permission to use it: only cable, power and baud rate were named as the cause."""
-    monkeypatch.setattr(listen, "HEARTBEAT_S", 1.0)
+    monkeypatch.setattr(listen, "HEARTBEAT_S", 0.2)
     port, said = tmp_path / "ttyACM0", list[str]()
     assert listen.find_autopilot([f"serial:{port}:57600"], said.append) is None
     _, cause = said

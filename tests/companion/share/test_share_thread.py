@@ -197,7 +197,7 @@ def test_a_closed_link_is_a_fault_and_in_the_health_report() -> None:
 def test_the_health_report_has_the_rate_of_the_last_ten_seconds() -> None:
     made = Made()
     made.sharing.origin(47.0, 8.0, 400.0)
-    for k in range(30 * 20):
+    for k in range(15 * 20):
         now_ns = (5 + k) * NS // 20
         made.sharing.samples([*attitudes(now_ns, begin_ns=now_ns - NS), pose(now_ns)])
         made.sharing.step(now_ns)
