@@ -110,6 +110,13 @@ def test_strips_are_found_again_for_the_logged_planes_only(logged: list[LoggedFr
     assert other is frame, "another configuration's strips are not this log's"
 
 
+@pytest.fixture
+def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Pictures are empty files: which frames are chosen is the subject, test_view_png.py tests what is drawn."""
+    monkeypatch.setattr("companion.viewer.view.save_frame", lambda frame, path, **options: path.touch())
+
+
+@pytest.mark.usefixtures("undrawn")
 def test_default_choice_draws_a_handful_and_the_page(log: Path, tmp_path: Path) -> None:
     views = make_views(log, tmp_path / "made" / "here")
     assert 5 <= len(views.pictures) <= 7
@@ -122,6 +129,7 @@ def test_default_choice_draws_a_handful_and_the_page(log: Path, tmp_path: Path) 
     assert sum(f["status"] == "BLIND" for f in data["frames"]) == 17
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_frames_can_be_asked_for(log: Path, tmp_path: Path) -> None:
     views = make_views(log, tmp_path, ViewOptions(frames=(3, 40), page=False))
     assert [p.name for p in views.pictures] == ["frame_front_000003.png", "frame_front_000040.png"]
@@ -178,6 +186,7 @@ def test_command_prints_what_it_drew(log: Path, tmp_path: Path, capsys: pytest.C
     out = capsys.readouterr().out
     assert "57 frames: 40 valid, 17 blind" in out
     assert "frame_front_000012.png" in out
+    assert (tmp_path / "frame_front_000012.png").stat().st_size > 20_000
 
 
 def made_by_hand(path: Path, order: list[tuple[str, int]], spoil: int | None = None) -> Path:
@@ -231,6 +240,7 @@ def test_depth_without_prisms_does_not_pile_up(tmp_path: Path) -> None:
     assert frames_in(path) == [(n, FrameStatus.NO_PRISMS, True) for n in range(WAITING + 5)]
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_prisms_of_another_version_are_left_out_and_reported(tmp_path: Path) -> None:
     order = [(kind, n) for n in range(3) for kind in ("depth", "prisms")]
     path = made_by_hand(tmp_path / "future.mcap", order, spoil=1)
