@@ -162,8 +162,8 @@ def ardupilot() -> ArduPilotReader:
     ("reader", "scene"), [(px4, facade), (ardupilot, tree), *nightly((coarse_px4, tree), (ardupilot, facade))]
 )
 def test_it_stops_before_what_stands_in_its_way(reader: type, scene: type) -> None:
-    flight = Flight(scene(), reader(), x_m=9.0)
-    flight.fly(8.0)
+    flight = Flight(scene(), reader(), x_m=11.0)
+    flight.fly(7.5)
     assert max(speed for _, speed in flight.track) > 2.0  # it flew
     assert max(x for x, _ in flight.track) <= 20.0 - MARGIN_M + 0.1
     assert 20.0 - flight.x_m < MARGIN_M + 1.5  # and came near
@@ -172,9 +172,9 @@ def test_it_stops_before_what_stands_in_its_way(reader: type, scene: type) -> No
 
 @pytest.mark.parametrize("reader", [coarse_px4, ardupilot, *nightly(px4)])
 def test_it_passes_a_gap_of_twice_the_margin_and_a_metre(reader: type) -> None:
-    flight = Flight(facade(gap_m=2 * MARGIN_M + 1.0), reader(), x_m=9.0)
-    flight.fly(20.0, until_m=23.0)
-    assert flight.x_m > 23.0
+    flight = Flight(facade(gap_m=2 * MARGIN_M + 1.0), reader(), x_m=12.0)
+    flight.fly(20.0, until_m=22.0)
+    assert flight.x_m > 22.0
 
 
 @pytest.mark.parametrize("reader", [px4, ardupilot, *nightly(coarse_px4)])
@@ -191,8 +191,8 @@ def test_it_does_not_fly_into_a_column_without_texture_before_a_wall(reader: typ
 
 def test_ardupilots_low_pass_as_delivered_brakes_in_time() -> None:
     """PRX_FILT of 0.25 Hz sees a wall that comes nearer where it was 0.6 s ago."""
-    flight = Flight(facade(), ArduPilotReader(margin_m=MARGIN_M, filter_hz=0.25), x_m=9.0)
-    flight.fly(9.0)
+    flight = Flight(facade(), ArduPilotReader(margin_m=MARGIN_M, filter_hz=0.25), x_m=11.0)
+    flight.fly(8.0)
     assert 19.0 - MARGIN_M < max(x for x, _ in flight.track) <= 20.0 - MARGIN_M + 0.1
 
 

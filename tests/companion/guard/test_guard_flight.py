@@ -66,7 +66,7 @@ def flown(autopilot: str, guard: GuardParams = GUARD, avoid: AvoidParams | None 
     ],
 )
 def test_stops_before_a_wall(autopilot: str, guided: bool, avoid: AvoidParams | None) -> None:
-    f = flown(autopilot, avoid=avoid, guided=guided)
+    f = flown(autopilot, avoid=avoid, guided=guided, at_m=12.0)
     assert f.stops == 1
     assert f.false_stops == 0
     assert 0.5 < f.clearance_m < 4.0
@@ -89,7 +89,7 @@ def test_a_mission_that_begins_close_to_a_wall_is_stopped(autopilot: str, at_m: 
 
 
 def test_without_the_guard_it_flies_into_the_wall() -> None:
-    f = flown("PX4", OFF)
+    f = flown("PX4", OFF, at_m=8.0, to_m=12.0)
     assert f.stops == 0
     assert f.clearance_m < 0.0
 
@@ -102,7 +102,7 @@ def test_a_step_of_the_setpoint_in_free_space_is_not_stopped() -> None:
 
 
 def test_flies_where_nothing_is_in_the_way() -> None:
-    f = flown("ArduPilot", at_m=0.0, to_m=14.0)
+    f = flown("ArduPilot", at_m=0.0, to_m=10.0)
     assert f.fastest_m_s > 2.5
     assert f.finished
     assert f.stops == 0
@@ -119,8 +119,8 @@ def loop_of(autopilot: str, at_m: float, speed_m_s: float) -> GuardLoop:
 @pytest.mark.parametrize(("autopilot", "at_m"), [("ArduPilot", 6.5), *nightly(("PX4", 8.5))])
 def test_a_speed_item_of_the_mission_during_a_limit_does_not_defeat_the_stop(autopilot: str, at_m: float) -> None:
     """The mission sets 8 m/s while the guard limits the speed to 1 or 2 m/s: the stop goes by the measured velocity."""
-    loop = loop_of(autopilot, 16.0, 3.0)
-    loop.run(20.0, lambda: loop.flight.position_m[0] > 16.0 - at_m)
+    loop = loop_of(autopilot, 12.0, 3.0)
+    loop.run(20.0, lambda: loop.flight.position_m[0] > 12.0 - at_m)
     assert loop.guard.memory.state is GuardState.LIMITED
     loop.flight.mission_speed(8.0)
     loop.run(15.0, lambda: loop.flight.speed_m_s < 0.05)
@@ -152,21 +152,21 @@ def test_a_camera_that_fails_in_flight_stops_the_vehicle_once() -> None:
 
 
 def test_the_pilot_takes_over_before_the_wall_and_is_left_alone() -> None:
-    loop = loop_of("ArduPilot", 12.0, 2.0)
+    loop = loop_of("ArduPilot", 9.0, 2.0)
     loop.run(20.0, lambda: bool(loop.record.stops))
     loop.flight.enter(COPTER_LOITER)
     loop.run(0.5)
     stops = len(loop.record.stops)
     loop.flight.enter(COPTER_LOITER)
-    loop.run(3.0)
+    loop.run(2.0)
     assert len(loop.record.stops) == stops
     assert loop.flight.mode == COPTER_LOITER
 
 
-@pytest.mark.parametrize("fault", ["ignores_commands", "stubborn"])
+@pytest.mark.parametrize("fault", ["ignores_commands", *nightly("stubborn")])
 def test_an_autopilot_that_does_not_obey_is_announced(fault: str) -> None:
-    loop = loop_of("PX4", 12.0, 1.5)
-    loop.run(3.0)
+    loop = loop_of("PX4", 9.0, 1.5)
+    loop.run(2.0)
     setattr(loop.flight, fault, True)
     loop.run(
         20.0, lambda: clearance_m(loop.scene, loop.place_m) < 0.5 or any("NOT CONF" in t for t in loop.record.texts)
