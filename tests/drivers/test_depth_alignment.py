@@ -16,6 +16,7 @@ from drivers.cameras.stereo import MatchParams, depth_mm
 from drivers.simulation.stereo.census_matching import census_disparity
 from drivers.simulation.stereo.stereo_profiles import OAK, StereoCamera
 from drivers.simulation.stereo.stereo_scenes import make_stereo_scene
+from tests.nightly import nightly
 
 from .test_device_matches import F_B_PX_M, device_depth, scene
 
@@ -42,7 +43,7 @@ def matched(name: str, side: str) -> NDArray[np.uint16]:
     return depth_mm(census_disparity(*mirrored, OAK.census), VIEW_F_B_PX_M)[:, ::-1].copy()
 
 
-@pytest.mark.parametrize("name", ["street", "white_room"])
+@pytest.mark.parametrize("name", ["street", *nightly("white_room")])
 def test_depth_of_the_left_image_settles_and_that_of_the_right_one_is_refused(name: str) -> None:
     check = DepthAlignment("front")
     assert check.due

@@ -20,6 +20,7 @@ from companion.autopilot.report_builder import ObstacleReportBuilder
 from companion.autopilot.sender import ObstacleSender
 from companion.autopilot.surroundings import Surroundings
 from core.types import FrameModel
+from tests.nightly import nightly
 from tests.waiting import until
 
 from ..report_chain import ARDUPILOT, AVOID, CAMERA, CLEAR, FAULTS, NS, PX4, WALL, Chain, broken
@@ -39,7 +40,7 @@ def test_it_sees_after_good_frames_in_a_row() -> None:
 
 
 @pytest.mark.parametrize("fault", FAULTS)
-@pytest.mark.parametrize("found", [CLEAR, model(wall_at(0.0, 8.0, 12.0), free_to_m=7.5, view_deg=72.0)])
+@pytest.mark.parametrize("found", [CLEAR, *nightly(model(wall_at(0.0, 8.0, 12.0), free_to_m=7.5, view_deg=72.0))])
 def test_a_blind_camera_is_sent_as_unknown_within_0_4_s_to_both_autopilots(fault: str, found: FrameModel) -> None:
     chain = Chain(found)
     chain.fly(1.0)

@@ -48,7 +48,7 @@ def along(path: np.ndarray) -> np.ndarray:
         pytest.param("rrt", "avoid", 16, [-9.0, 0.0, 0.0], marks=pytest.mark.slow),
         pytest.param("rrt-connect", "avoid", 16, [-9.0, 0.0, 0.0], marks=pytest.mark.slow),
         ("rrt-connect", "avoid", 4, [0.0, 9.0, 0.0]),
-        ("prm", "allow", 4, [-9.0, 0.0, 0.0]),
+        pytest.param("prm", "allow", 4, [-9.0, 0.0, 0.0], marks=pytest.mark.slow),
     ],
 )
 def test_around_a_house_of_which_no_frame_saw_all(

@@ -43,7 +43,7 @@ def plan(scene: str, *, turn_rad: float = 0.5, speed_m_s: float = 0.0, sway: boo
 
 @lru_cache(maxsize=2)
 def flown(scene: str, hz: float) -> tuple[CameraInfo, tuple[Event, ...]]:
-    flight = SimulatedFlight(plan(scene), width=320, height=240, rates=Rates(depth_hz=hz), duration_s=SECONDS)
+    flight = SimulatedFlight(plan(scene), width=240, height=180, rates=Rates(depth_hz=hz), duration_s=SECONDS)
     return flight.cameras[0], tuple(flight.events())
 
 

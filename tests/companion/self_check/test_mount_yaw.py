@@ -28,7 +28,7 @@ from tests.nightly import nightly
 DEG = math.pi / 180.0
 SWAY = (0.01, 0.015, 0.005)
 AHEAD = CameraMount()
-CAMERA = dataclasses.replace(camera_info(320, 240), mount=AHEAD)
+CAMERA = dataclasses.replace(camera_info(240, 180), mount=AHEAD)
 
 
 def straight(
