@@ -18,6 +18,7 @@ from drivers.mavlink.session import MavlinkSession
 from drivers.mavlink.session_types import MavlinkParams
 from drivers.simulation.autopilot import ARDUPILOT, PX4
 from drivers.simulation.flight_path import VehicleState
+from tests.nightly import nightly
 
 from .conversation import MS, NS, Conversation, talk, turning
 
@@ -231,8 +232,7 @@ def test_the_stated_rate_is_that_of_the_attitudes_that_are_used() -> None:
     assert session.status(now_ns).attitude_hz == pytest.approx(50.0, abs=1.0)
 
 
-@pytest.mark.parametrize("kind", [PX4, ARDUPILOT])
-@pytest.mark.parametrize("hz", [5.0, 30.0])
+@pytest.mark.parametrize(("kind", "hz"), [(PX4, 5.0), (ARDUPILOT, 30.0), *nightly((PX4, 30.0), (ARDUPILOT, 5.0))])
 @pytest.mark.parametrize("velocity_m_s", [(3.0, -0.2, 0.0), (0.0, 0.0, 0.2)])
 def test_a_position_that_is_sent_again_with_new_stamps_is_not_used(
     kind: str, hz: float, velocity_m_s: tuple[float, float, float]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
 
 import numpy as np
@@ -17,6 +18,7 @@ from companion.pipeline.quaternion import product
 from companion.pipeline.sync import SyncParams
 from core.frames import quaternion_from_euler
 from core.types import AttitudeSample, CameraInfo, CameraMount
+from drivers.base import Event
 from drivers.simulation.flight import SimulatedFlight
 from drivers.simulation.flight_path import FlightPath
 from drivers.simulation.flights import FlightPlan
@@ -39,14 +41,20 @@ def by_hand(turn_deg: float, scene: str = "stones", pitch_deg: float = -8.0, sec
     return FlightPlan(name="by hand", scene=make_scene(scene, 2), path=FlightPath(rows), sensor=TYPICAL)
 
 
-def measured(plan: FlightPlan, configured: CameraMount, count: int | None = None) -> MountMeasurement:
-    info = dataclasses.replace(camera_info(160, 120), mount=TRUE)
-    flight = SimulatedFlight(plan, cameras=(info,), seed=3)
-    configured_info: CameraInfo = dataclasses.replace(info, mount=configured)
-    measurement = MountMeasurement(configured_info, SyncParams(), CameraConfig(name="front", kind="simulated"))
-    for i, event in enumerate(flight.events()):
-        if count is not None and i >= count:
-            break
+INFO = dataclasses.replace(camera_info(160, 120), mount=TRUE)
+
+
+@functools.cache
+def flown(turn_deg: float, scene: str = "stones", pitch_deg: float = -8.0, seconds: float = 8.0) -> tuple[Event, ...]:
+    """The events while it is held by hand."""
+    plan = by_hand(turn_deg, scene, pitch_deg, seconds)
+    return tuple(SimulatedFlight(plan, cameras=(INFO,), seed=3).events())
+
+
+def measured(events: tuple[Event, ...], configured: CameraMount) -> MountMeasurement:
+    info: CameraInfo = dataclasses.replace(INFO, mount=configured)
+    measurement = MountMeasurement(info, SyncParams(), CameraConfig(name="front", kind="simulated"))
+    for event in events:
         measurement.add(event)
     return measurement
 
@@ -57,7 +65,7 @@ def measured(plan: FlightPlan, configured: CameraMount, count: int | None = None
     ids=["right", "none", "sign"],
 )
 def test_the_lines_to_paste_hold_the_true_mount(configured: CameraMount) -> None:
-    finding = finding_of(measured(by_hand(120.0), configured))
+    finding = finding_of(measured(flown(120.0), configured))
     assert finding.ok is (configured == TRUE)
     assert finding.lines[:2] == ("[[camera]]", 'name = "front"')
     values = {key: float(value) for key, value in (line.split(" = ") for line in finding.lines[2:])}
@@ -68,7 +76,7 @@ def test_the_lines_to_paste_hold_the_true_mount(configured: CameraMount) -> None
 
 def test_a_mount_without_an_error_has_no_negative_zero() -> None:
     """The lines to paste were roll_deg = -0.0 and pitch_deg = -0.0."""
-    measurement = measured(by_hand(120.0), CameraMount(), count=0)
+    measurement = measured((), CameraMount())
     exact = measurement.state.filter
     tiny = dataclasses.replace(exact, mean=(-1e-6, -1e-6, *exact.mean[2:]))
     measurement.state = dataclasses.replace(measurement.state, filter=tiny)
@@ -81,20 +89,20 @@ def test_a_mount_without_an_error_has_no_negative_zero() -> None:
 
 
 def test_too_little_turning_is_refused() -> None:
-    finding = finding_of(measured(by_hand(20.0), TRUE))
+    finding = finding_of(measured(flown(20.0), TRUE))
     assert not finding.ok
     assert not finding.lines
     assert "turn the vehicle" in finding.text
 
 
 def test_no_ground_is_refused() -> None:
-    finding = finding_of(measured(by_hand(120.0, scene="no_ground"), TRUE))
+    finding = finding_of(measured(flown(120.0, scene="no_ground"), TRUE))
     assert "ground in only 0 of" in finding.text
     assert not finding.lines
 
 
 def test_no_frame_is_refused() -> None:
-    assert "no frame arrived" in finding_of(measured(by_hand(120.0), TRUE, count=0)).text
+    assert "no frame arrived" in finding_of(measured((), TRUE)).text
 
 
 def test_frames_without_an_attitude_are_refused() -> None:
@@ -110,10 +118,9 @@ def test_frames_without_an_attitude_are_refused() -> None:
 @pytest.mark.parametrize("jump_deg", [0.0, 120.0])
 def test_a_jump_of_the_heading_is_no_turn(jump_deg: float) -> None:
     """The vehicle is held still above ground that is inclined by 5 degrees in ned, and the autopilot aligns its heading."""
-    info = dataclasses.replace(camera_info(160, 120), mount=TRUE)
-    measurement = MountMeasurement(info, SyncParams(), CameraConfig(name="front", kind="simulated"))
+    measurement = MountMeasurement(INFO, SyncParams(), CameraConfig(name="front", kind="simulated"))
     slope = quaternion_from_euler(0.0, math.radians(5.0), 0.0)
-    flight = list(SimulatedFlight(by_hand(0.0, pitch_deg=0.0), cameras=(info,), seed=3).events())
+    flight = flown(0.0, pitch_deg=0.0)
     for event in flight:
         if isinstance(event, AttitudeSample):
             late = event.t_ns > (flight[0].t_arrival_ns + flight[-1].t_arrival_ns) // 2
@@ -126,9 +133,9 @@ def test_a_jump_of_the_heading_is_no_turn(jump_deg: float) -> None:
 
 
 def test_it_is_done_when_roll_and_pitch_are_known_well() -> None:
-    measurement = measured(by_hand(160.0, seconds=12.0), TRUE)
+    measurement = measured(flown(160.0, seconds=12.0), TRUE)
     assert measurement.done
-    assert not measured(by_hand(30.0), TRUE).done
+    assert not measured(flown(30.0), TRUE).done
     assert measurement.turned_rad > math.radians(100.0)
     assert np.isfinite(measurement.heights_m).all()
 

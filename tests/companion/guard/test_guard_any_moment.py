@@ -32,7 +32,7 @@ from ..guard_machine import (
 
 STEPS = 50
 """Of the flight without a disturbance: it stands from step 35 on."""
-MOMENTS = range(STEPS)
+MOMENTS = range(40)
 KINDS = ["ArduPilot", "PX4"]
 CRUISE = {"ArduPilot": AUTO, "PX4": MISSION}
 MANUAL = {"ArduPilot": STABILIZE, "PX4": POSITION}

@@ -147,7 +147,7 @@ def test_small_stamps_of_both_clocks_are_not_taken_for_the_same_time(
     """The autopilot's clock holds t_ns 8..10 s, but nothing says that it is the same clock."""
     rows = [f"depth/{i:06d}.png,{8 * NS + i * NS // 10}" for i in range(20)]
     folder = write_folder(tmp_path / "rec", 20, rows, heading="file,t_ns")
-    write(folder / name, 30.0, gps=False)
+    write(folder / name, 15.0, gps=False)
     assert imported(folder)[0] == 1
     assert "give the time of t_ns 0 (since the start of the autopilot) with --tlog-epoch" in capsys.readouterr().err
     assert imported(folder, "--tlog-epoch", "0")[0] == 0

@@ -18,6 +18,7 @@ from companion.log.recover import recover
 from drivers.base import DriverError
 from drivers.logs.reader import McapRecording
 from drivers.logs.record_scanner import Damage, Logged, McapScan
+from tests.nightly import nightly
 
 from ..small_recordings import INFO, START_NS, flight
 
@@ -32,7 +33,7 @@ def payloads(path: Path) -> list[tuple[str, int, int, int, bytes]]:
     return found
 
 
-@pytest.mark.parametrize("share", [0.2, 0.4, 0.6, 0.9, 0.999])
+@pytest.mark.parametrize("share", [0.2, 0.6, 0.999, *nightly(0.4, 0.9)])
 def test_a_cut_log_becomes_whole(whole, tmp_path, share, capsys):
     data = whole.read_bytes()
     cut = tmp_path / "cut.mcap"
@@ -117,7 +118,7 @@ def test_a_damaged_summary_is_repaired(whole, tmp_path, capsys):
         )
 
 
-@pytest.mark.parametrize("arguments", [["info"], ["replay"], ["export", "-f", "csv", "-o", "OUT"]])
+@pytest.mark.parametrize("arguments", [["info"], ["export", "-f", "csv", "-o", "OUT"], *nightly(["replay"])])
 def test_each_command_reports_a_damaged_summary(whole, tmp_path, arguments, capsys):
     """After it has read everything, with status 1."""
     path = with_damaged_summary(whole, tmp_path / "x.mcap")
