@@ -18,7 +18,6 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.open_air.draw import coloured
 from companion.argument_parser import ArgumentParser
 from core.extractor import Extractor
 from core.frames import R_CAMFRD_OPTICAL, rotation_from_euler, rotation_level_cam_optical
@@ -48,6 +47,7 @@ COLOURS = {
     TEXTURED_MM: (90, 90, 90),
 }
 """BGR of each mark; measured pixels are green, others black."""
+NEAR_M, FAR_M = 0.5, 20.0
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -115,6 +115,15 @@ def words(pitch_deg: float, model: FrameModel) -> str:
         f"pitch {pitch_deg:+.0f}: {len(model.planes)} planes, {ground}, {int(known[:, layer].sum())} of {len(known)} "
         f"directions free in the camera's layer, {opened} cells open"
     )
+
+
+def coloured(depth: NDArray[np.uint16]) -> NDArray[np.uint8]:
+    """(H, W, 3) BGR: near red, far blue, unknown black."""
+    metres = np.clip(depth / 1000.0, NEAR_M, FAR_M)
+    level = 255.0 * np.log(FAR_M / metres) / np.log(FAR_M / NEAR_M)
+    colours = cv2.applyColorMap(level.astype(np.uint8), cv2.COLORMAP_TURBO)
+    colours[depth == 0] = 0
+    return np.asarray(colours, np.uint8)
 
 
 def picture(pair: Pair, depth: NDArray[np.uint16]) -> NDArray[np.uint8]:
