@@ -13,9 +13,10 @@ from typing import Any, Final
 
 from benchmarks.fidelity.goals import Summary, measure, summary
 from benchmarks.fidelity.result import Row
-from benchmarks.fidelity.tables import number, table
+from benchmarks.fidelity.tables import number
 from benchmarks.fidelity.thin import STEP_M, THINGS, curve
 from benchmarks.hardware_info import CHECKOUT, Stamp
+from benchmarks.markdown import table
 
 FIGURES: Final = CHECKOUT / "docs/research/benchmarks/limits.json"
 PAGE: Final = CHECKOUT / "docs/research/algorithm-measurements.md"

@@ -9,6 +9,7 @@ from typing import Any
 from benchmarks.fidelity.goals import MEASURES, Measure, measure, safe_range_m, summary
 from benchmarks.fidelity.openings import OpeningSize
 from benchmarks.fidelity.result import Row
+from benchmarks.markdown import table
 from benchmarks.scenes.catalogue import FAMILIES
 
 SHORT = (
@@ -22,12 +23,6 @@ SHORT = (
 )
 """What is shown where something is varied."""
 RANGES_M = (4, 6, 8, 10, 12, 16)
-
-
-def table(head: Sequence[str], lines: Iterable[Sequence[str]]) -> str:
-    """A Markdown table; the first column to the left, the others to the right."""
-    rows = [f"| {' | '.join(head)} |", "|---|" + "---:|" * (len(head) - 1)]
-    return "\n".join([*rows, *(f"| {' | '.join(line)} |" for line in lines)])
 
 
 def number(value: float) -> str:

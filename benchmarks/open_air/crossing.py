@@ -16,6 +16,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from benchmarks import markdown
 from benchmarks.open_air.crossing_loop import Course, CrossingLoop, Flown
 from benchmarks.open_air.vehicles import AUTOPILOTS
 from benchmarks.open_air.view_options import words
@@ -131,7 +132,6 @@ COLUMNS = (
     "wrong open cells",
     "wrong clear sectors",
 )
-TITLE = "| " + " | ".join(COLUMNS) + " |\n" + "|---" * len(COLUMNS) + "|"
 
 
 def row(name: str, autopilot: str, f: Flown) -> str:
@@ -151,7 +151,7 @@ def row(name: str, autopilot: str, f: Flown) -> str:
         str(f.wrong_open),
         str(f.wrong_clear),
     )
-    return "| " + " | ".join(cells) + " |"
+    return markdown.row(cells)
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -164,7 +164,7 @@ def main(arguments: list[str] | None = None) -> int:
     p.add_argument("--seconds", type=float, default=math.inf)
     p.add_argument("--guide", type=float, default=30.0, help="CP_GUIDE_ANG of PX4, degrees")
     a = p.parse_args(arguments)
-    print(TITLE)
+    print(markdown.head(COLUMNS, 2))
     hit = False
     for name in a.flights:
         for autopilot in a.autopilots:

@@ -9,7 +9,6 @@ that is measured, and of the textured ones without a match the share that each r
 
 from __future__ import annotations
 
-import argparse
 import sys
 from collections import Counter
 from dataclasses import replace
@@ -20,9 +19,9 @@ from numpy.typing import NDArray
 
 from benchmarks.open_air.directions import TO_M, judged_azimuths, truth
 from benchmarks.open_air.open_claims import as_free, marked
-from benchmarks.open_air.refusals import INVALID, OPEN, PLANE, evidence
-from benchmarks.open_air.view_options import add_view_options, views, words
-from benchmarks.open_air.views import Seen, profile_of, see
+from benchmarks.open_air.refusals import INVALID, OPEN, PLANE, evidence, share_table
+from benchmarks.open_air.view_options import REFUSING, seen_views, view_parser
+from benchmarks.open_air.views import Seen, profile_of
 from core.extractor import Extractor
 from core.open_sky_params import OpenSkyParams
 from core.params import Params
@@ -153,41 +152,18 @@ def dropped_of(seen: Seen, params: MatchParams) -> Counter[str]:
     return counts
 
 
-def table(rows: dict[str, Counter[str]], total: str, names: tuple[str, ...]) -> str:
-    """Markdown: percent of counts[total], or of all counts where that is empty; names that do not occur are left out."""
-    used = [n for n in names if any(counts[n] for counts in rows.values())]
-    lines = ["| " + " | ".join(("scene", total or "directions", *used)) + " |", "|---" * (len(used) + 2) + "|"]
-    for scene, counts in rows.items():
-        whole = counts[total] if total else counts.total()
-        cells = (f"{100.0 * counts[n] / max(1, whole):.1f}" if counts[n] else "" for n in used)
-        lines.append("| " + " | ".join((scene, str(whole), *cells)) + " |")
-    return "\n".join(lines)
-
-
-def parse(arguments: list[str] | None = None) -> argparse.Namespace:
-    """The command line."""
-    p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    add_view_options(p)
-    p.set_defaults(scenes=["field", "hill_crest", "meadow_by_wood", "street", "field_with_trees", "roof_edge"])
-    p.add_argument("--skies", type=words, default=["clear"])
-    p.add_argument("--noise", type=words, default=[1.0], help="grey levels")
-    return p.parse_args(arguments)
-
-
 def main(arguments: list[str] | None = None) -> int:
     """Command line; returns the exit status."""
-    a = parse(arguments)
+    a = view_parser(__doc__, skies=["clear"], scenes=REFUSING).parse_args(arguments)
     camera, open_sky = StereoCamera(marked(profile_of(a.profile))), OpenSkyParams(mode="presume")
     extractor = Extractor(Params(), open_sky)
     unseen: dict[str, Counter[str]] = {}
     dropped: dict[str, Counter[str]] = {}
-    for scene in a.scenes:
-        for view in views(a, scene):
-            for seen in see(view, tuple(float(n) for n in a.noise), camera, extractor):
-                unseen.setdefault(scene, Counter()).update(kinds_of(seen, extractor.params, open_sky))
-                dropped.setdefault(scene, Counter()).update(dropped_of(seen, camera.profile.match))
-    print(table(unseen, "", (OPEN, *KINDS)), end="\n\n")
-    print(table(dropped, "pixels", ("measured", "matching", *(name for name, _ in RULES))))
+    for scene, seen in seen_views(a, camera, extractor):
+        unseen.setdefault(scene, Counter()).update(kinds_of(seen, extractor.params, open_sky))
+        dropped.setdefault(scene, Counter()).update(dropped_of(seen, camera.profile.match))
+    print(share_table(unseen, (OPEN, *KINDS)), end="\n\n")
+    print(share_table(dropped, ("measured", "matching", *(name for name, _ in RULES)), "pixels"))
     return 0
 
 

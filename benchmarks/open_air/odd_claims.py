@@ -19,6 +19,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks import markdown
 from benchmarks.free_space.volume import SLACK_M, SLACK_SIGMAS
 from benchmarks.open_air.odd_scenes import FAMILIES, odd_scene
 from benchmarks.open_air.open_claims import as_free, marked, true_ke_per_m
@@ -140,7 +141,7 @@ def main(arguments: list[str] | None = None) -> int:
     cameras = {name: StereoCamera(marked(profile_of(name))) for name in dict.fromkeys(a.profiles)}
     params = Params()
     extractor = Extractor(params, OpenSkyParams(mode="presume"))
-    print("| " + " | ".join(COLUMNS) + " |", "|---" * len(COLUMNS) + "|", sep="\n")
+    print(markdown.head(COLUMNS, 3))
     views, invalid, free_cells, open_cells = 0, 0, 0, 0
     for seed in range(a.first_seed, a.first_seed + a.seeds):
         for family in a.families:
@@ -155,7 +156,7 @@ def main(arguments: list[str] | None = None) -> int:
             free_cells, open_cells = free_cells + cells[0], open_cells + cells[1] - cells[0]
             rows = rows_of(view, free, opened)
             for row in rows:
-                print("| " + " | ".join(row) + " |", flush=True)
+                print(markdown.row(row), flush=True)
             if rows and a.pictures:
                 draw(view, free, opened, a.pictures)
     print(f"{views} views, {invalid} invalid; {free_cells} free cells, {open_cells} cells open alone")

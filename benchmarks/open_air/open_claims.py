@@ -1,37 +1,36 @@
 """What rendered stereo calls free and what open, and which of it is wrong.
 
     python -m benchmarks.open_air.open_claims
-    python -m benchmarks.open_air.open_claims --scenes field,bridge --skies clear --heights 2 --pitch=-10,0,10 --rules
+    python -m benchmarks.open_air.open_claims --scenes field,bridge --skies clear --heights 2 --pitch=-10,0,10
 
 Per scene: share of truly free directions called free, and free or open, to 10 m at the vehicle's height; cells of the free
 profile, and cells that only the open profile claims, in which a solid stands (benchmarks/free_space/volume.py), the deepest
-with its name. With --rules the same with each rule of [open_sky] switched off."""
+with its name."""
 
 from __future__ import annotations
 
 import argparse
 import math
 import sys
-from dataclasses import asdict, dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks import markdown
 from benchmarks.free_space.volume import WrongCell, wrong_cells
 from benchmarks.open_air.directions import TO_M, judged_azimuths, truth
-from benchmarks.open_air.view_options import add_view_options, views, words
-from benchmarks.open_air.views import Seen, profile_of, see
-from companion.argument_parser import ArgumentParser
+from benchmarks.open_air.view_options import seen_views, view_parser
+from benchmarks.open_air.views import Seen, profile_of
 from core.extractor import Extractor
 from core.open_sky_params import OpenSkyParams
 from core.params import Params
-from core.types import BEYOND_MM, CONTINUED_MM, TEXTURED_MM, TEXTURELESS_MM, ExtractorState, FrameModel
+from core.types import BEYOND_MM, CONTINUED_MM, TEXTURED_MM, TEXTURELESS_MM, FrameModel
 from drivers.simulation.source import Rendered
 from drivers.simulation.stereo.stereo_profiles import StereoCamera, StereoProfile
 
-ALL_RULES = "all rules"
 _COLORS = {TEXTURELESS_MM: (255, 120, 0), BEYOND_MM: (0, 220, 220), CONTINUED_MM: (0, 0, 255)}
 _MEASURED, _OPEN = (0, 160, 0), (255, 255, 0)
 
@@ -151,22 +150,6 @@ class ClaimCounts:
 COLUMNS = ("frames", "invalid", "free %", "free or open %", "wrong free", "wrong open", "deepest m", "cells more")
 
 
-def table(rows: dict[str, ClaimCounts], first: str) -> str:
-    """Markdown of rows by name."""
-    lines = ["| " + " | ".join((first, *COLUMNS)) + " |", "|---" * (len(COLUMNS) + 1) + "|"]
-    lines += ["| " + " | ".join([name, *counts.row()]) + " |" for name, counts in rows.items()]
-    return "\n".join(lines)
-
-
-def rules() -> dict[str, OpenSkyParams]:
-    """All rules of [open_sky], and all but one of each switch."""
-    every = OpenSkyParams(mode="presume")
-    switches = [f.name for f in fields(OpenSkyParams) if isinstance(getattr(every, f.name), bool)]
-    return {ALL_RULES: every} | {
-        f"without {name}": OpenSkyParams(**(asdict(every) | {name: False})) for name in switches
-    }
-
-
 def picture(seen: Seen) -> NDArray[np.uint8]:
     """Left image beside the depth image: measured green, textureless blue, matched beyond millimetres yellow, continued red."""
     if seen.pair is None:
@@ -194,54 +177,32 @@ def marked(profile: StereoProfile) -> StereoProfile:
 
 def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     """The command line."""
-    p = ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    add_view_options(p)
-    p.add_argument("--skies", type=words, default=["clear", "hazy"])
-    p.add_argument("--noise", type=words, default=[1.0], help="grey levels")
-    p.add_argument("--rules", action="store_true", help="each rule switched off as well")
+    p = view_parser(__doc__, skies=["clear", "hazy"])
     p.add_argument("--pictures", type=Path, help="folder for a picture of each frame")
     return p.parse_args(arguments)
-
-
-def model_of(extractor: Extractor, frame: Rendered) -> FrameModel:
-    """The model of the second of two equal frames, as `views.see` judges it."""
-    state = ExtractorState()
-    for _ in range(2):
-        model, state = extractor.extract(frame.depth_mm, frame.info, frame.R_level_optical, state=state)
-    return model
 
 
 def main(arguments: list[str] | None = None) -> int:
     """Command line; returns 1 where a cell is free or open that holds a solid."""
     a = parse(arguments)
-    camera = StereoCamera(marked(profile_of(a.profile)))
-    chosen = rules() if a.rules else {ALL_RULES: OpenSkyParams(mode="presume")}
-    extractors = {name: Extractor(Params(), open_sky) for name, open_sky in chosen.items()}
-    by_scene: dict[str, ClaimCounts] = {}
-    by_rule: dict[str, ClaimCounts] = {name: ClaimCounts() for name in chosen}
-    for scene in a.scenes:
-        for view in views(a, scene):
-            for seen in see(view, tuple(float(n) for n in a.noise), camera, extractors[ALL_RULES]):
-                where = f"{scene} {view.sky} {view.height_m:g} m, pitch {view.pitch_deg:g}, roll {view.roll_deg:g}, noise {seen.noise_grey:g}"
-                for name, extractor in extractors.items():
-                    model = seen.model if name == ALL_RULES else model_of(extractor, seen.frame)
-                    claims = claims_of(
-                        seen.frame, model, seen.unmatched_left_px, extractor.params, seen.unmatched_right_px
-                    )
-                    by_rule[name].add(claims, model.valid, where)
-                    if name == ALL_RULES:
-                        by_scene.setdefault(scene, ClaimCounts()).add(claims, model.valid, where)
-                if a.pictures:
-                    a.pictures.mkdir(parents=True, exist_ok=True)
-                    cv2.imwrite(str(a.pictures / f"{where.replace(', ', '_').replace(' ', '_')}.png"), picture(seen))
-        print(f"{scene}: {by_scene[scene].row()}", file=sys.stderr, flush=True)
-    print(table(by_scene, "scene"))
-    print()
-    print(table(by_rule, "rules"))
-    for name, counts in by_scene.items():
-        for where in counts.frames_wrong:
-            print(f"wrong: {name}: {where}")
-    return 1 if by_rule[ALL_RULES].wrong_free + by_rule[ALL_RULES].wrong_open else 0
+    extractor = Extractor(Params(), OpenSkyParams(mode="presume"))
+    rows: dict[str, ClaimCounts] = {}
+    total = ClaimCounts()
+    for scene, seen in seen_views(a, StereoCamera(marked(profile_of(a.profile))), extractor):
+        view = seen.view
+        where = f"{scene} {view.sky} {view.height_m:g} m, pitch {view.pitch_deg:g}, roll {view.roll_deg:g}, noise {seen.noise_grey:g}"
+        claims = claims_of(seen.frame, seen.model, seen.unmatched_left_px, extractor.params, seen.unmatched_right_px)
+        for counts in (rows.setdefault(scene, ClaimCounts()), total):
+            counts.add(claims, seen.model.valid, where)
+        if a.pictures:
+            a.pictures.mkdir(parents=True, exist_ok=True)
+            cv2.imwrite(str(a.pictures / f"{where.replace(', ', '_').replace(' ', '_')}.png"), picture(seen))
+    print(
+        markdown.table(("scene", *COLUMNS), ([name, *counts.row()] for name, counts in (rows | {"all": total}).items()))
+    )
+    for where in total.frames_wrong:
+        print(f"wrong: {where}")
+    return int(total.wrong_free + total.wrong_open > 0)
 
 
 if __name__ == "__main__":

@@ -9,19 +9,18 @@ the walk over the cells."""
 
 from __future__ import annotations
 
-import argparse
 import sys
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks import markdown
 from benchmarks.open_air.directions import TO_M, judged_azimuths, truth
 from benchmarks.open_air.open_claims import as_free, marked
-from benchmarks.open_air.view_options import add_view_options, views, words
-from benchmarks.open_air.views import profile_of, see
-from companion.argument_parser import ArgumentParser
+from benchmarks.open_air.view_options import REFUSING, seen_views, view_parser
+from benchmarks.open_air.views import profile_of
 from core.buffers import Buffers
 from core.extractor import Extractor
 from core.open_sky_params import OpenSkyParams
@@ -114,45 +113,30 @@ def reasons_of(
     return Counter(OPEN if is_open[d] else reason(int(d), layer, levelled, found, TO_M) for d in rows)
 
 
-def table(rows: dict[str, Counter[str]]) -> str:
-    """Markdown: percent of the truly free directions, by reason; reasons that do not occur are left out."""
-    used = [r for r in REASONS if any(counts[r] for counts in rows.values())]
-    lines = ["| " + " | ".join(("scene", "directions", OPEN, *used)) + " |", "|---" * (len(used) + 3) + "|"]
-    for name, counts in rows.items():
-        total = max(1, counts.total())
-        cells = (f"{100.0 * counts[r] / total:.1f}" if counts[r] else "" for r in (OPEN, *used))
-        lines.append("| " + " | ".join((name, str(counts.total()), *cells)) + " |")
-    return "\n".join(lines)
+def share_table(rows: dict[str, Counter[str]], names: Sequence[str], whole: str = "") -> str:
+    """Markdown: percent of counts[whole], or of all counts where that is empty; names that do not occur are left out."""
+    used = [n for n in names if any(counts[n] for counts in rows.values())]
 
+    def cells(counts: Counter[str]) -> list[str]:
+        total = counts[whole] if whole else counts.total()
+        return [str(total), *(f"{100.0 * counts[n] / max(1, total):.1f}" if counts[n] else "" for n in used)]
 
-def counted(a: argparse.Namespace) -> Iterator[tuple[str, Counter[str]]]:
-    """(name of a row, counts) of each view."""
-    camera, open_sky = StereoCamera(marked(profile_of(a.profile))), OpenSkyParams(mode="presume")
-    extractor = Extractor(Params(), open_sky)
-    for scene in a.scenes:
-        for view in views(a, scene):
-            for seen in see(view, tuple(float(n) for n in a.noise), camera, extractor):
-                unmatched_px = (seen.unmatched_left_px, seen.unmatched_right_px)
-                counts = reasons_of(seen.frame, seen.model, unmatched_px, extractor.params, open_sky)
-                yield f"{scene}, {view.sky}{', tilted' if view.pitch_deg or view.roll_deg else ''}", counts
-
-
-def parse(arguments: list[str] | None = None) -> argparse.Namespace:
-    """The command line."""
-    p = ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    add_view_options(p)
-    p.set_defaults(scenes=["field", "hill_crest", "meadow_by_wood", "street", "field_with_trees", "roof_edge"])
-    p.add_argument("--skies", type=words, default=["clear", "clouds"])
-    p.add_argument("--noise", type=words, default=[1.0], help="grey levels")
-    return p.parse_args(arguments)
+    titles = ["scene", whole or "directions", *used]
+    return markdown.table(titles, [[name, *cells(counts)] for name, counts in rows.items()])
 
 
 def main(arguments: list[str] | None = None) -> int:
     """Command line; returns the exit status."""
+    a = view_parser(__doc__, skies=["clear", "clouds"], scenes=REFUSING).parse_args(arguments)
+    camera, open_sky = StereoCamera(marked(profile_of(a.profile))), OpenSkyParams(mode="presume")
+    extractor = Extractor(Params(), open_sky)
     rows: dict[str, Counter[str]] = {}
-    for name, counts in counted(parse(arguments)):
+    for scene, seen in seen_views(a, camera, extractor):
+        view, unmatched_px = seen.view, (seen.unmatched_left_px, seen.unmatched_right_px)
+        name = f"{scene}, {view.sky}{', tilted' if view.pitch_deg or view.roll_deg else ''}"
+        counts = reasons_of(seen.frame, seen.model, unmatched_px, extractor.params, open_sky)
         rows.setdefault(name, Counter()).update(counts)
-    print(table(rows))
+    print(share_table(rows, (OPEN, *REASONS)))
     return 0
 
 

@@ -3,12 +3,18 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Iterator, Sequence
 
-from benchmarks.open_air.views import View
-from drivers.simulation.stereo.stereo_profiles import PROFILES
+from benchmarks.open_air.views import Seen, View, see
+from companion.argument_parser import ArgumentParser
+from core.extractor import Extractor
+from drivers.simulation.stereo.sky import SKIES
+from drivers.simulation.stereo.stereo_profiles import PROFILES, StereoCamera
 from drivers.simulation.stereo.stereo_scenes import STEREO_SCENES
 
 INDOOR = ("white_room",)
+REFUSING = ("field", "hill_crest", "meadow_by_wood", "street", "field_with_trees", "roof_edge")
+"""Scenes whose open directions are refused in part."""
 
 
 def words(text: str) -> list[str]:
@@ -16,14 +22,24 @@ def words(text: str) -> list[str]:
     return [w for w in text.split(",") if w]
 
 
-def add_view_options(p: argparse.ArgumentParser) -> None:
-    """Profile, scenes, heights, attitudes and seeds."""
+def view_parser(
+    doc: str | None,
+    *,
+    skies: Sequence[str],
+    noise: Sequence[float] = (1.0,),
+    scenes: Sequence[str] = tuple(STEREO_SCENES),
+) -> ArgumentParser:
+    """A parser of camera, scenes, heights, attitudes, seeds, skies and noise, with these defaults. doc: of the command."""
+    p = ArgumentParser(description=doc, formatter_class=argparse.RawDescriptionHelpFormatter)
     p.add_argument("--profile", choices=list(PROFILES), default="zed")
-    p.add_argument("--scenes", type=words, default=list(STEREO_SCENES))
+    p.add_argument("--scenes", type=words, default=list(scenes))
     p.add_argument("--heights", type=words, default=[2.0, 5.0, 10.0], help="metres")
     p.add_argument("--pitch", type=words, default=[0.0], help="degrees")
     p.add_argument("--roll", type=words, default=[0.0], help="degrees")
     p.add_argument("--seeds", type=words, default=[0])
+    p.add_argument("--skies", type=words, default=list(skies), help=f"of {', '.join(SKIES)}")
+    p.add_argument("--noise", type=words, default=list(noise), help="grey levels")
+    return p
 
 
 def views(a: argparse.Namespace, scene: str) -> list[View]:
@@ -44,3 +60,11 @@ def views(a: argparse.Namespace, scene: str) -> list[View]:
         for roll in a.roll
         for seed in a.seeds
     ]
+
+
+def seen_views(a: argparse.Namespace, camera: StereoCamera, extractor: Extractor) -> Iterator[tuple[str, Seen]]:
+    """(scene, view) of all views and levels of noise."""
+    for scene in a.scenes:
+        for view in views(a, scene):
+            for seen in see(view, tuple(float(n) for n in a.noise), camera, extractor):
+                yield scene, seen

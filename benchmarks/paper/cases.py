@@ -266,12 +266,6 @@ def percent(value: float, digits: int = 1) -> str:
     return "-" if math.isnan(value) else f"{100 * value:.{digits}f}"
 
 
-def table(head: list[str], rows: list[list[str]], words: int = 1) -> str:
-    """A Markdown table; the first `words` columns are text, the others figures."""
-    rule = ["---"] * words + ["---:"] * (len(head) - words)
-    return "\n".join("| " + " | ".join(line) + " |" for line in (head, rule, *rows))
-
-
 def progress(text: str) -> None:
     """One line on stderr that the next one overwrites."""
     print(f"\r\x1b[K{text}", end="", file=sys.stderr, flush=True)

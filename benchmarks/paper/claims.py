@@ -10,6 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
 
+from benchmarks.markdown import table
 from benchmarks.paper import (
     interval as paper_interval,
 )
@@ -28,7 +29,7 @@ from benchmarks.paper import (
 from benchmarks.paper import (
     time as paper_time,
 )
-from benchmarks.paper.cases import PRINTED, PRINTED_OPENINGS, Figures, grid_name, middle, number, percent, table, worst
+from benchmarks.paper.cases import PRINTED, PRINTED_OPENINGS, Figures, grid_name, middle, number, percent, worst
 from benchmarks.paper.interval import IntervalRow
 from benchmarks.paper.openings import OpeningRow
 from benchmarks.paper.shapes import ShapeRow

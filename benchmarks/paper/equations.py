@@ -10,7 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from benchmarks.paper.cases import NAN, Floats, number, table
+from benchmarks.markdown import table
+from benchmarks.paper.cases import NAN, Floats, number
 
 F_PX, ROWS, HM_M, ALPHA = 450.0, 480, 0.6, 0.3
 """640x480 of ours, its rows, and constants that the paper does not give."""

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.fidelity.metrics import recall
+from benchmarks.markdown import table
 from benchmarks.paper.cases import (
     NAN,
     NOISE,
@@ -28,7 +29,6 @@ from benchmarks.paper.cases import (
     percent,
     progress,
     rays_under,
-    table,
 )
 from benchmarks.paper.forms import extractor_of, params_of
 from benchmarks.paper.plots import COLORS, SERIES, figure, label, words

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.fidelity.openings import OpeningSize, in_view, opening_size
+from benchmarks.markdown import table
 from benchmarks.paper.cases import (
     MODES,
     PRINTED_OPENINGS,
@@ -20,7 +21,6 @@ from benchmarks.paper.cases import (
     model_of,
     percent,
     progress,
-    table,
     zed_info,
 )
 from benchmarks.paper.forms import extractor_of, mode_of, params_of

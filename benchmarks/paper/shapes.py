@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.fidelity.metrics import distances, score
+from benchmarks.markdown import table
 from benchmarks.paper.cases import (
     CAMERA,
     MODES,
@@ -24,7 +25,6 @@ from benchmarks.paper.cases import (
     percent,
     progress,
     rays_under,
-    table,
     worst,
 )
 from benchmarks.paper.forms import extractor_of, mode_of, params_of

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.markdown import table
 from benchmarks.paper.cases import (
     CAMERA,
     CONDITION_WORDS,
@@ -23,7 +24,6 @@ from benchmarks.paper.cases import (
     number,
     percent,
     progress,
-    table,
     worst,
 )
 from benchmarks.paper.forms import params_of

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
+from benchmarks.markdown import table
 from benchmarks.paper.cases import (
     CAMERA,
     EXACT,
@@ -21,7 +22,6 @@ from benchmarks.paper.cases import (
     number,
     percent,
     progress,
-    table,
     worst,
 )
 from benchmarks.paper.forms import params_of

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.markdown import table
 from benchmarks.paper.cases import (
     CAMERA,
     MODES,
@@ -18,7 +19,6 @@ from benchmarks.paper.cases import (
     named_frames,
     number,
     progress,
-    table,
     zed_info,
 )
 from benchmarks.paper.forms import extractor_of, params_of

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from statistics import median
 
+from benchmarks.markdown import table
 from benchmarks.peers.methods import NOT_SIMPLIFIED, UNSORTED
 from benchmarks.peers.participants import PAPER, ROUGH, SAFE
 from benchmarks.peers.run import CLOUD, Figures, Timing
@@ -100,12 +101,6 @@ def percent(share: tuple[float, float]) -> str:
     return f"{number(100.0 * share[0], 2)} ({number(100.0 * share[1], 1)})"
 
 
-def markdown(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """A table whose first column is text."""
-    lines = ["| " + " | ".join(head) + " |", "|---|" + "---:|" * (len(head) - 1)]
-    return "\n".join([*lines, *("| " + " | ".join(row) + " |" for row in rows)])
-
-
 FIGURES_HEAD = (
     "",
     "made of",
@@ -140,7 +135,7 @@ def figures_table(peers: dict[str, list[Figures]], absent: Sequence[tuple[str, s
             ]
         )
     lines.extend([[name, "not run", *["-"] * 8] for name, _ in absent])
-    return markdown(FIGURES_HEAD, lines)
+    return table(FIGURES_HEAD, lines)
 
 
 def ratios(
@@ -187,7 +182,7 @@ def storage_table(rows: Iterable[Figures]) -> str:
         "planes / of all pixels",
         "error / grid 0.1 m",
     ]
-    return markdown(head, lines)
+    return table(head, lines)
 
 
 def times_table(timings: Sequence[Timing], absent: Sequence[tuple[str, str]]) -> str:
@@ -211,7 +206,7 @@ def times_table(timings: Sequence[Timing], absent: Sequence[tuple[str, str]]) ->
     head = [""]
     for kind in kinds:
         head += [f"{kind}: ms (99 %)", "x ours (with cloud)", "wall, ms", "frames"]
-    return markdown(head, lines)
+    return table(head, lines)
 
 
 def sentences(rows: Iterable[Figures], timings: Sequence[Timing]) -> list[str]:

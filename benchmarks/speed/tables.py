@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Final
 
+from benchmarks import markdown
 from benchmarks.speed.cases import Kind
 from companion.bench.frames import Measured
 from companion.bench.stage_trace import in_order
@@ -82,8 +83,7 @@ FLOORED_STAGE: Final = "density, windows, strips, rest"
 
 def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     """A Markdown table; all columns but the first are set to the right."""
-    lines = ["| " + " | ".join(head) + " |", "|---|" + "---:|" * (len(head) - 1)]
-    return "\n".join([*lines, *("| " + " | ".join(row) + " |" for row in rows)]) + "\n"
+    return markdown.table(head, rows) + "\n"
 
 
 def goals_table(timed: Sequence[Timed], kinds: Sequence[Kind], too_slow_ms: float) -> str:

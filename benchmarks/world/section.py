@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.markdown import table
 from benchmarks.paper.cases import held_out
 from benchmarks.peers.grid_prisms import CELLS_M
 from benchmarks.world.cost import PLANES, SIZES, WAYS, Asked, Cost, asked, costs, observations
@@ -141,20 +142,26 @@ def _greatest(values: Sequence[float]) -> float:
 
 def cost_table(cost: Sequence[Cost]) -> str:
     """A row for each size."""
-    rows = ["| planes | a frame, ms | p99 | ratio | changes, ms | bytes a plane |", "|---|---|---|---|---|---|"]
-    rows += [
-        f"| {c.planes:,} | {c.add_ms:.3f} | {c.p99_ms:.2f} | {c.add_ms / cost[0].add_ms:.2f} | {c.changes_ms:.3f} | "
-        f"{c.memory_bytes:.0f} |"
+    head = ["planes", "a frame, ms", "p99", "ratio", "changes, ms", "bytes a plane"]
+    rows = [
+        [
+            f"{c.planes:,}",
+            f"{c.add_ms:.3f}",
+            f"{c.p99_ms:.2f}",
+            f"{c.add_ms / cost[0].add_ms:.2f}",
+            f"{c.changes_ms:.3f}",
+            f"{c.memory_bytes:.0f}",
+        ]
         for c in cost
     ]
-    return "\n".join(rows) + "\n"
+    return table(head, rows) + "\n"
 
 
 def bytes_table(sizes: Sequence[Bytes]) -> str:
     """A row for each flight."""
     grids = [f"grid {cell:g} m" for cell in CELLS_M]
     heads = ["flight", "frames", "planes", "disk", "stream", "planes", "stream a frame", *grids, "OctoMap", "with free"]
-    rows = [f"| {' | '.join(heads)} |", "|" + "---|" * len(heads)]
+    rows = []
     for b in sizes:
         peer = [f"{n:,}" if n is not None else "not installed" for n in (b.octomap, b.octomap_free)]
         cells = [
@@ -168,8 +175,8 @@ def bytes_table(sizes: Sequence[Bytes]) -> str:
             *(f"{b.grids[cell]:,}" for cell in CELLS_M),
             *peer,
         ]
-        rows.append(f"| {' | '.join(cells)} |")
-    return "\n".join(rows) + "\n"
+        rows.append(cells)
+    return table(heads, rows) + "\n"
 
 
 def _p(share: float, digits: int = 1) -> str:

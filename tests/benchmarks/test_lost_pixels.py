@@ -16,10 +16,9 @@ from benchmarks.open_air.lost_pixels import (
     dropped_of,
     kinds_of,
     steps_of,
-    table,
 )
 from benchmarks.open_air.open_claims import marked
-from benchmarks.open_air.refusals import OPEN
+from benchmarks.open_air.refusals import OPEN, share_table
 from benchmarks.open_air.views import Seen, View, profile_of, see
 from core.extractor import Extractor
 from core.open_sky_params import OpenSkyParams
@@ -68,4 +67,4 @@ def test_the_rules_drop_what_the_driver_drops(crest: Seen) -> None:
 
 
 def test_a_table_states_shares_of_the_whole() -> None:
-    assert table({"a": Counter({OPEN: 3, SKY: 1})}, "", (OPEN, SKY, "b")).splitlines()[2] == "| a | 4 | 75.0 | 25.0 |"
+    assert share_table({"a": Counter({OPEN: 3, SKY: 1})}, (OPEN, SKY, "b")).splitlines()[2] == "| a | 4 | 75.0 | 25.0 |"

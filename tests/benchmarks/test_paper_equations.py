@@ -88,4 +88,4 @@ def test_the_kth_nearest_leaves_two_stray_pixels_out() -> None:
 
 def test_a_finding_shows_text_and_figures() -> None:
     shown = Finding(name="f", title="F", head=["a", "b"], digits=[0, 2], rows=[["x", 1.234], ["y", math.nan]], words=1)
-    assert shown.markdown() == "| a | b |\n| --- | ---: |\n| x | 1.23 |\n| y | - |"
+    assert shown.markdown() == "| a | b |\n|---|---:|\n| x | 1.23 |\n| y | - |"

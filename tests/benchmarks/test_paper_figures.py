@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from benchmarks.markdown import table
 from benchmarks.paper import (
     interval as paper_interval,
 )
@@ -38,7 +39,6 @@ from benchmarks.paper.cases import (
     middle,
     number,
     percent,
-    table,
     worst,
     zed_info,
 )
@@ -70,8 +70,8 @@ def test_figures_of_tables() -> None:
     assert math.isnan(middle([]))
     assert math.isnan(worst([math.nan]))
     assert (number(1.256), number(math.nan), number(math.inf), percent(0.1234)) == ("1.26", "-", "∞", "12.3")
-    assert table(["a", "b"], [["x", "1"]]) == "| a | b |\n| --- | ---: |\n| x | 1 |"
-    assert table(["a"], []) == "| a |\n| --- |"
+    assert table(["a", "b"], [["x", "1"]]) == "| a | b |\n|---|---:|\n| x | 1 |"
+    assert table(["a"], []) == "| a |\n|---|"
 
 
 def facade(opening: str, holes_closed: bool, condition: Any = EXACT) -> tuple[Rendered, np.ndarray]:

@@ -45,7 +45,7 @@ def test_parts_that_are_not_run_come_from_the_last_run(tmp_path: Path, monkeypat
     again = measured(tmp_path, True, ["times"])
     assert ran[2:] == ["times True"]
     assert again == first == json.loads(rows_file(tmp_path, True).read_text())
-    assert Finding(**again["findings"][0]).markdown() == "| a |\n| ---: |\n| 1.0 |"
+    assert Finding(**again["findings"][0]).markdown() == "| a |\n|---:|\n| 1.0 |"
 
 
 def test_without_a_last_run_a_part_alone_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

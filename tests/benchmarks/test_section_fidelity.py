@@ -17,8 +17,9 @@ from benchmarks.fidelity.matrix import PARTS, Part, Settings, cases
 from benchmarks.fidelity.metrics import RANGE_BINS, Recall
 from benchmarks.fidelity.openings import OpeningSize
 from benchmarks.fidelity.result import Case, Row
-from benchmarks.fidelity.tables import cell, number, openings_table, range_table, table, worst_table
+from benchmarks.fidelity.tables import cell, number, openings_table, range_table, worst_table
 from benchmarks.fidelity.thin import curve
+from benchmarks.markdown import table
 from benchmarks.scenes.catalogue import HELD_OUT_SEEDS, TUNING_SEEDS
 
 from .hand_rows import made

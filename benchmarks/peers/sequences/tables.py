@@ -7,8 +7,9 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from statistics import median
 
+from benchmarks.markdown import table
 from benchmarks.peers.sequences.judge import Figures
-from benchmarks.peers.tables import markdown, percent
+from benchmarks.peers.tables import percent
 
 Share = tuple[float, float]
 """Over all rays together, and in the worst scene; of 1, nan: no rays."""
@@ -105,7 +106,7 @@ def summary_table(rows: Iterable[Figures], ke_per_m: float, pose: str) -> str:
                     f"{p.cpu_ms:.1f}",
                 ]
             )
-    return markdown(HEAD, lines)
+    return table(HEAD, lines)
 
 
 def sentences(rows: Iterable[Figures], frames: int, ours: Sequence[str]) -> list[str]:

@@ -14,9 +14,9 @@ from typing import cast
 import pytest
 
 from benchmarks.fidelity.run import parse as fidelity_options
-from benchmarks.open_air.view_options import add_view_options
+from benchmarks.open_air.view_options import view_parser
 from companion import cli
-from companion.argument_parser import ArgumentParser, negative_values_joined
+from companion.argument_parser import negative_values_joined
 from companion.cli import main, parser_of
 from companion.command_list import COMMANDS
 from companion.viewer.live_page import LivePage
@@ -184,9 +184,7 @@ def test_a_list_that_begins_with_a_minus_is_the_value_of_the_option_before_it(li
 
 def test_parsers_accept_a_list_that_begins_with_a_minus() -> None:
     assert fidelity_options(["--tilts", "-10:0,0:5"]).tilts == [(-10.0, 0.0), (0.0, 5.0)]
-    views = ArgumentParser()
-    add_view_options(views)
-    assert views.parse_args(["--pitch", "-20,5"]).pitch == ["-20", "5"]
+    assert view_parser("", skies=["clear"]).parse_args(["--pitch", "-20,5"]).pitch == ["-20", "5"]
 
 
 @pytest.mark.parametrize(
