@@ -1,11 +1,9 @@
 """Flies with random valid configurations, and prints what raises, and what contradicts the truth.
 
     python -m benchmarks.configs [--configs N] [--first SEED] [--seconds S] [--all-keys] [--faults]
-    python -m benchmarks.configs --effects LOG.mcap ...
 
 Without --all-keys only those keys are drawn that must not make anything free, or whose meaning the judge knows: nothing may
-contradict the truth. With it all keys are drawn, and only exceptions count. --effects lists the keys with which each result of these
-recordings stays the same. The exit status is 1 if anything was found."""
+contradict the truth. With it all keys are drawn, and only exceptions count. The exit status is 1 if anything was found."""
 
 from __future__ import annotations
 
@@ -13,12 +11,10 @@ import argparse
 import sys
 import traceback
 from collections import Counter
-from pathlib import Path
 
 import numpy as np
 
-from .draw import any_key, judged_key, random_flight, toml
-from .effects import without_effect
+from .draw import any_key, judged_key, random_config, toml
 from .flight import ConfiguredFlight
 
 SHARES = (0.1, 0.4, 1.0)
@@ -37,12 +33,7 @@ def main() -> int:
     parser.add_argument(
         "--faults", action="store_true", help="random faults as in benchmarks.faults; needs 10 s and more"
     )
-    parser.add_argument("--effects", type=Path, nargs="+", metavar="LOG.mcap")
     args = parser.parse_args()
-    if args.effects:
-        found = without_effect(args.effects)
-        print("\n".join(found) or "each key has an effect")
-        return int(bool(found))
     total: Counter[str] = Counter()
     for seed in range(args.first, args.first + args.configs):
         total += _flown(seed, args)
@@ -52,33 +43,33 @@ def main() -> int:
 
 def _flown(seed: int, args: argparse.Namespace) -> Counter[str]:
     rng = np.random.default_rng([92, seed])
-    content, config, refused = random_flight(rng, SHARES[seed % len(SHARES)], any_key if args.all_keys else judged_key)
+    wanted = any_key if args.all_keys else judged_key
+    content, config, refused = random_config(rng, SHARES[seed % len(SHARES)], wanted, flies=True)
     try:
         flight = ConfiguredFlight(config, seed, args.seconds, faults=args.faults)
         flight.fly(args.seconds)
     except ERRORS:
         print(f"configuration {seed} raises:\n{toml(content)}\n{traceback.format_exc()}", flush=True)
         return Counter(configurations=1, exceptions=1)
-    violations, judge = flight.violations(), flight.judge
+    judge = flight.judge
     report = flight.service.report if flight.service is not None else None
     fault = "" if report is None else report.fault
     print(
-        f"configuration {seed}: {flight.models} models, {judge.clear} clear sectors, {len(violations)} violations {fault}",
+        f"configuration {seed}: {judge.planner} models, {judge.clear} clear sectors, {len(judge.violations)} violations {fault}",
         flush=True,
     )
-    if violations and not args.all_keys:
-        print("\n".join([toml(content), *violations[:5]]), flush=True)
+    if judge.violations and not args.all_keys:
+        print("\n".join([toml(content), *map(str, judge.violations[:5])]), flush=True)
     return Counter(
         configurations=1,
         refused_before=refused,
-        frames=flight.frames,
-        models=flight.models,
+        models=judge.planner,
         messages=judge.messages,
         clear_sectors=judge.clear,
-        free_paths=judge.free_paths,
-        client_points=judge.points,
+        free_paths=judge.paths,
+        worlds=judge.worlds,
         faults=int(bool(fault)),
-        violations=len(violations),
+        violations=len(judge.violations),
     )
 
 

@@ -140,35 +140,32 @@ def _camera(name: str, rng: np.random.Generator, share: float, wanted: Wanted) -
     return {"name": name} | {k: v for k, v in _table("camera", rng, share, wanted).items() if k != "name"}
 
 
-def random_config(rng: np.random.Generator, share: float, wanted: Wanted = any_key) -> tuple[Content, Config, int]:
-    """A file that the configuration accepts, its configuration, and the number of those that it refused before it."""
-    for refused in range(10_000):
-        content = random_content(rng, share * rng.random(), wanted)
-        try:
-            return content, config_of(content, "drawn"), refused
-        except ConfigError:
-            continue
-    raise RuntimeError("10,000 configurations were refused")
-
-
-def random_flight(rng: np.random.Generator, share: float, wanted: Wanted = any_key) -> tuple[Content, Config, int]:
-    """As random_config, with obstacles sent to an autopilot, and in half of the files the guard."""
+def random_config(
+    rng: np.random.Generator, share: float, wanted: Wanted = any_key, *, flies: bool = False
+) -> tuple[Content, Config, int]:
+    """A file that the configuration accepts, its configuration, and the number of those that it refused before it. flies: with
+    obstacles sent to an autopilot, and in half of the files the guard."""
 
     def for_flight(section: str, key: Field[Any]) -> bool:
         return section != "open_sky" and (section, key.name) != ("camera", "kind") and wanted(section, key)
 
     for refused in range(10_000):
-        content = random_content(rng, share * rng.random(), for_flight)
-        for camera in content["camera"]:  # on the vehicle, not in the ground or behind the solids
-            camera |= {key: camera[key] * LEVER_SHARE for key in ("x_m", "y_m", "z_m") if key in camera}
-        content["autopilot"] = content.get("autopilot", {}) | {"address": "udpin:127.0.0.1:14540"}
-        content["avoid"] = content.get("avoid", {}) | {"send": True}
-        content["guard"] = content.get("guard", {}) | {"enabled": bool(rng.random() < 0.5)}
+        content = random_content(rng, share * rng.random(), for_flight if flies else wanted)
+        if flies:
+            _prepare_flight(content, rng)
         try:
             return content, config_of(content, "drawn"), refused
         except ConfigError:
             continue
     raise RuntimeError("10,000 configurations were refused")
+
+
+def _prepare_flight(content: Content, rng: np.random.Generator) -> None:
+    for camera in content["camera"]:  # on the vehicle, not in the ground or behind the solids
+        camera |= {key: camera[key] * LEVER_SHARE for key in ("x_m", "y_m", "z_m") if key in camera}
+    content["autopilot"] = content.get("autopilot", {}) | {"address": "udpin:127.0.0.1:14540"}
+    content["avoid"] = content.get("avoid", {}) | {"send": True}
+    content["guard"] = content.get("guard", {}) | {"enabled": bool(rng.random() < 0.5)}
 
 
 def toml(content: Mapping[str, Any]) -> str:

@@ -51,7 +51,7 @@ def main() -> int:
         counts = f"{len(judge.faults)} faults, {judge.messages} messages, {judge.clear} clear sectors"
         print(f"flight {seed} {kind}: {counts}, {len(judge.violations)} violations", flush=True)
         for v in judge.violations if args.verbose else judge.violations[:5]:
-            print(f"  {v.t_s:.2f} s: {v.what}; faults: {', '.join(v.faults) or 'none'}", flush=True)
+            print(f"  {v}", flush=True)
     print(", ".join(f"{name}: {count}" for name, count in total.items()))
     print("blind without a fault: " + (", ".join(f"{n} {why}" for why, n in refused.items()) or "never"))
     return int(total["violations"] > 0)

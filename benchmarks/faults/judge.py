@@ -16,7 +16,7 @@ from drivers.mavlink.session_types import ARDUPILOT
 from .field import HEIGHT_M, STEP_DEG
 from .loop import FaultLoop
 from .path import true_room_m
-from .planner import TIMEOUT_NS, Floats, camera_place_m, hidden_points, in_estimate, in_level, taken_for_free
+from .planner import TIMEOUT_NS, Floats, camera_place_m, hidden_points, in_estimate, in_level, planner_view
 from .switches import NS, Fault
 from .world import WorldWatch
 
@@ -49,6 +49,9 @@ class Violation:
     t_s: float
     what: str
     faults: tuple[str, ...]
+
+    def __str__(self) -> str:
+        return f"{self.t_s:.2f} s: {self.what}; faults: {', '.join(self.faults) or 'none'}"
 
 
 @dataclass(slots=True)
@@ -124,14 +127,15 @@ class Judge:
 
     def judge_path(self, loop: FaultLoop) -> None:
         """The guard must not take a path for free beyond a solid."""
-        claim = None if loop.service is None else loop.service.path.claim
+        claim = None if loop.service is None else loop.service.claim
         if claim is None:
             return
         self.paths += claim.room_m > 0.0
         t_s, state = loop.flown_ns / NS, loop.truth()
-        room_m = true_room_m(loop.field.outline_at(t_s), state, claim.angle_rad)
+        angle_rad, radius_m = claim.angle_rad, loop.avoid.radius_m
+        room_m = true_room_m(loop.field.outline_at(t_s), state, angle_rad, radius_m)
         if loop.field.mover is not None:
-            room_m = max(room_m, true_room_m(loop.field.outline_at(t_s - ARRIVED_S), state, claim.angle_rad))
+            room_m = max(room_m, true_room_m(loop.field.outline_at(t_s - ARRIVED_S), state, angle_rad, radius_m))
         if claim.room_m > room_m + self._allowed_m(loop, room_m):
             self._note(loop, f"the path is free for {claim.room_m:.2f} m to the guard, a solid is {room_m:.2f} m away")
 
@@ -149,11 +153,14 @@ class Judge:
             loop.field.outline_at(exposed_ns / NS), camera_place_m(state, mount), RANGE_M
         )
         self.planner += 1
+        view, encoded = planner_view(result), result.model
+        if view.model is None or encoded is None or len(view.model.planes) != len(encoded.planes):
+            self._note(loop, "a planner decodes another model than was encoded")
         frames = [in_level(points_m, state)]
         if result.frame == "ned":
             frames = in_estimates(loop, points_m, exposed_ns)
         limit_m = np.array([self._allowed_m(loop, float(m)) for m in surface_m])
-        wrong = np.logical_and.reduce([taken_for_free(result, points) for points in frames]) & (limit_m <= RANGE_M)
+        wrong = np.logical_and.reduce([view.free(points) for points in frames]) & (limit_m <= RANGE_M)
         if wrong.any():
             self._note(
                 loop,

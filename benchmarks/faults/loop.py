@@ -99,7 +99,7 @@ class FaultLoop:
         self.autopilot = self._autopilot(1, -40 * NS)
         self.autopilot.parameters = dict(parameters)
         self._second: SimulatedAutopilot | None = None
-        self._line = AutopilotLine(self._rng)
+        self._line = AutopilotLine(np.random.default_rng([9, seed]))
         self._numbers = itertools.count()
         self._later: list[tuple[int, int, Callable[[], None]]] = []
         self._sent_splitter = MessageSplitter()

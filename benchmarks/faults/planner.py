@@ -5,16 +5,19 @@ Points behind true surfaces are asked for with the query of the client library."
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from companion.pipeline.encode import prisms_message
+from companion.pipeline.encode import prisms_message, wire_bytes
 from companion.pipeline.results import PrismsResult
 from core.types import CameraMount
 from drivers.simulation.flight_path import VehicleState
 from osape_client import Occupancy, PlacedModel, Space
 from osape_client.decode import model_from_message
+from osape_client.model import CameraModel
+from osape_client.proto import osape_v1_pb2 as pb
 
 STEP_DEG = 1.0
 BESIDE_DEG = 2
@@ -49,15 +52,25 @@ def hidden_points(outline_m: Floats, place_m: Floats, behind_m: float) -> tuple[
     return np.column_stack([places, np.full(len(places), place_m[2])]), blocked[known]
 
 
-def taken_for_free(result: PrismsResult, points_m: Floats) -> NDArray[np.bool_]:
-    """Returns which points (N, 3) of the frame of a result a planner takes for free."""
-    message = prisms_message(result)
-    model = model_from_message(message)
-    if not message.valid or model is None:
-        return np.zeros(len(points_m), bool)
+@dataclass(frozen=True, slots=True, eq=False)
+class PlannerView:
+    """The message of a frame as a planner decodes it from its bytes. model: None: it has none."""
+
+    model: CameraModel | None
+    at_m: tuple[float, float, float]
+
+    def free(self, points_m: Floats) -> NDArray[np.bool_]:
+        """Returns which points (N, 3) of the frame of the message a planner takes for free."""
+        if self.model is None:
+            return np.zeros(len(points_m), bool)
+        return np.asarray(Space([PlacedModel(self.model, self.at_m)]).points(points_m) == Occupancy.FREE)
+
+
+def planner_view(result: PrismsResult) -> PlannerView:
+    """Returns what a planner receives of a result."""
+    message = pb.PrismsFrame.FromString(wire_bytes(prisms_message(result)))
     at = message.transform.translation_m
-    space = Space([PlacedModel(model, (at.x, at.y, at.z))])
-    return np.asarray(space.points(points_m) == Occupancy.FREE)
+    return PlannerView(model_from_message(message) if message.valid else None, (at.x, at.y, at.z))
 
 
 def in_level(points_m: Floats, state: VehicleState) -> Floats:

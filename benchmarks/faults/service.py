@@ -7,9 +7,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+from benchmarks.autopilot.guard_loop import link_status_of
 from companion.autopilot.autopilot_values import AutopilotValues
 from companion.autopilot.failsafe import AutopilotNow
 from companion.autopilot.last_values import LastValuesFile
+from companion.autopilot.line import AutopilotLine
 from companion.autopilot.obstacle_output import READS
 from companion.autopilot.obstacle_report import CameraUse, ObstacleReport
 from companion.autopilot.report_builder import ObstacleReportBuilder
@@ -19,44 +21,53 @@ from companion.autopilot.surroundings import Surroundings
 from companion.cameras.frozen_frames import FrozenFrameDetector
 from companion.cameras.masks import Mask, unmeasured_mask
 from companion.config.avoidance import AvoidParams
-from companion.config.loader import Config
-from companion.config.service import ServiceParams
+from companion.config.loader import Config, config_of
+from companion.guard.guard import READS as GUARD_READS
+from companion.guard.guard import STEP_S, Guard
 from companion.live.event_queue import EventQueue
 from companion.pipeline.configured import make_pipeline
 from companion.pipeline.events import SupersededFrame
 from companion.pipeline.results import PrismsResult
 from core.types import AttitudeSample, CameraInfo, DepthFrame, PoseSample
 from drivers.mavlink.session import MavlinkSession
+from drivers.mavlink.session_types import Vehicle
 
-from .path import PathWatch
+from .path import PathClaim
 
 NS = 1_000_000_000
 MS = 1_000_000
 PAUSE_NS, READ_NS = 42 * MS, 10 * MS
 """Time between two reads of the link while messages may wait, and while they may not (drivers.mavlink.link)."""
 TICK_NS = NS // 10
+GUARD_NS = round(STEP_S * NS)
+WITH_GUARD = config_of(
+    {"autopilot": {"address": "udpin:127.0.0.1:14540"}, "avoid": {"send": True}, "guard": {"enabled": True}}, "faults"
+)
 
 
 class Service:
     """One run, from its start to its end. `frame` gets the frames of the camera; `step` does what is due, and returns the bytes for
-    the autopilot. path: what the guard takes for free; published: results of frames, from which the caller takes them."""
+    the autopilot. guard: that of the service, None where the configuration has none; published: results of frames, from which the
+    caller takes them."""
 
-    reads = READS
+    reads = READS | GUARD_READS
 
     def __init__(
         self,
         cameras: Sequence[CameraInfo],
         avoid: AvoidParams,
-        timeout_s: float = ServiceParams().timeout_s,
+        timeout_s: float | None = None,
         config: Config | None = None,
     ) -> None:
-        """config: of all else."""
-        self.avoid, self.config = avoid, config or Config()
-        config = self.config
+        """timeout_s: another one than that of the configuration; config: None: the defaults with the guard."""
+        config = config or WITH_GUARD
+        self.avoid, self.config = avoid, config
         self.session = MavlinkSession(params_of(config), on_message=self.message, reads=self.reads)
         self.values = AutopilotValues(LastValuesFile(None))
         self.report: ObstacleReport | None = None
-        self.path = PathWatch(avoid, config.guard)
+        self.guard = self._guard() if config.guard.enabled else None
+        self._now_ns, self._next_guard_ns = 0, 0
+        self._heading_rad: float | None = None
         self.published: list[PrismsResult] = []
         params = config.extractor
         repeated = config.supervision.frozen_frames
@@ -66,7 +77,7 @@ class Service:
         self._pipeline = make_pipeline(config)
         seen = CameraUse(
             cameras=tuple(c.camera for c in cameras),
-            timeout_s=timeout_s,
+            timeout_s=config.service.timeout_s if timeout_s is None else timeout_s,
             params=params,
             frame_fault=lambda name: self._frozen[name],
             observer=self._observe,
@@ -108,6 +119,7 @@ class Service:
     def step(self, now_ns: int, *, pipeline: bool = True, sender: bool = True) -> list[bytes]:
         """Does what is due. pipeline, sender: these threads run."""
         out: list[bytes] = []
+        self._now_ns = now_ns
         if now_ns >= self._next_read_ns:
             self._next_read_ns = now_ns + (PAUSE_NS if self.session.can_defer_read(now_ns) else READ_NS)
             out += self._read(now_ns)
@@ -122,11 +134,14 @@ class Service:
         if sender and now_ns >= self._next_decision_ns:
             self._next_decision_ns = now_ns + round(NS / self.avoid.rate_hz)
             self._decide(now_ns)
+        if sender and self.guard is not None and now_ns >= self._next_guard_ns:
+            self._next_guard_ns = now_ns + GUARD_NS
+            self.guard.step(now_ns)
         if self.session.has_posted:
             out += self.session.due(now_ns)
         return out
 
-    def _vehicle(self, now_ns: int) -> Any:
+    def _vehicle(self, now_ns: int) -> Vehicle | None:
         return self.session.vehicle if self.session.connected(now_ns) else None
 
     def _read(self, now_ns: int) -> list[bytes]:
@@ -143,6 +158,8 @@ class Service:
     def message(self, message: Any, arrival_ns: int) -> None:
         """Takes a message of the autopilot, of those in `reads`."""
         self.values.take(message, arrival_ns)
+        if self.guard is not None and message.get_msgId() in GUARD_READS:
+            self.guard.message(message, arrival_ns)
 
     def result(self, result: PrismsResult) -> None:
         """Takes the result of a frame."""
@@ -170,9 +187,34 @@ class Service:
             if self._results:
                 self._busy_until_ns = now_ns + self.pipeline_ns
 
+    # ---- guard ---------------------------------------------------------------------------------------------------------
+
+    @property
+    def claim(self) -> PathClaim | None:
+        """What the guard takes for free along the path; None: it claims nothing."""
+        verdict = None if self.guard is None else self.guard.verdict
+        if verdict is None or verdict.course_rad is None or self._heading_rad is None:
+            return None
+        return PathClaim(verdict.course_rad - self._heading_rad, verdict.room_m)
+
+    def _guard(self) -> Guard:
+        def vehicle() -> Vehicle | None:
+            return self._vehicle(self._now_ns)
+
+        def post(message: Any) -> None:
+            self.session.post(message, self._now_ns)
+
+        line = AutopilotLine(vehicle, post, command=lambda message, _: post(message))
+        return Guard(self.config.guard, self.avoid, line, lambda: link_status_of(vehicle()), None)
+
     def _observe(self, surroundings: Surroundings) -> None:
-        """Gets the surroundings of each decision."""
-        self.path.observe(surroundings)
+        """Gets the surroundings of each decision; the guard decides at once."""
+        if self.guard is not None:
+            self.guard.observe(surroundings)
+            self._heading_rad = None if surroundings.here is None else surroundings.here.heading_rad
+            self._next_guard_ns = self._now_ns
+
+    # ---- obstacle output -----------------------------------------------------------------------------------------------
 
     def _decide(self, now_ns: int) -> None:
         vehicle = self._vehicle(now_ns)

@@ -4,28 +4,21 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
-from typing import cast
 
 import numpy as np
 import pytest
 
-from benchmarks.configs.draw import JUDGED_KEYS, judged_key, random_config, random_flight, toml
-from benchmarks.configs.effects import SECTIONS, digest, other_values, without_effect
-from benchmarks.configs.flight import ConfiguredFlight, ConfiguredService
+from benchmarks.configs.draw import JUDGED_KEYS, judged_key, random_config, toml
+from benchmarks.configs.flight import ConfiguredFlight
 from benchmarks.configs.judge import ConfiguredJudge
+from benchmarks.faults.path import PathClaim, true_room_m
+from benchmarks.faults.service import Service
 from companion.cli import main
 from companion.config.loader import Config, ConfigError, config_from_text, config_of, config_text, load_config
 from companion.config.sections import fields_of
 from companion.live.run import check_live
-from companion.pipeline.results import PrismsResult
 from core.param_field import is_safety_key
-from core.params import Params
 from drivers.mavlink.session_types import ARDUPILOT, PX4
-from osape_client.model import CameraModel
-from osape_client.query.space import Occupancy
-
-DATA = Path(__file__).resolve().parents[1] / "data"
 
 
 @pytest.mark.parametrize("seed", range(12))
@@ -50,11 +43,11 @@ def _refusal(config: Config, path: Path) -> str:
 
 @pytest.mark.parametrize("seed", [1, 5])
 def test_a_configuration_never_makes_a_solid_clear(seed: int) -> None:
-    _, config, _ = random_flight(np.random.default_rng([92, seed]), 0.4, judged_key)
+    _, config, _ = random_config(np.random.default_rng([92, seed]), 0.4, judged_key, flies=True)
     flight = ConfiguredFlight(config, seed, 1.2)
     flight.fly(1.2)
-    assert flight.models > 5
-    assert flight.violations() == []
+    assert flight.judge.planner > 5
+    assert flight.judge.violations == []
 
 
 @pytest.mark.parametrize(
@@ -90,65 +83,60 @@ def flown() -> ConfiguredFlight:
     }
     flight = ConfiguredFlight(config_of(content, "x"), 10, 1.0)
     flight.fly(1.0)
-    assert flight.violations() == []
+    assert flight.judge.violations == []
+    assert flight.judge.planner > 5
+    assert isinstance(flight.service, Service)
+    assert flight.service.claim is not None
     return flight
 
 
 def test_the_judge_notices_a_solid_in_a_clear_sector(flown: ConfiguredFlight) -> None:
-    judge = ConfiguredJudge([], flown.kind, config=flown.config)
+    judge = ConfiguredJudge([], flown.kind, config=flown.judge.config)
     judge.sent(flown, [round(100 * flown.avoid.max_distance_m) + 1] * 72)
     assert any("is clear, a solid is" in v.what for v in judge.violations)
 
 
+def test_the_wall_of_ardupilot_may_be_farther_than_a_solid_that_was_never_seen(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of a hull of 4.86 m, before the first attitude, 0.53 m before a solid."""
+    _, config, _ = random_config(np.random.default_rng([92, 9115]), 0.4, judged_key, flies=True)
+    flight = ConfiguredFlight(config, 9115, 0.3)
+    flight.fly(0.3)
+    assert flight.kind == ARDUPILOT
+    assert flight.judge.messages > 2
+    assert flight.judge.violations == []
+    monkeypatch.setattr("benchmarks.configs.judge.WALL_CM", 0)
+    flight.fly(0.5)
+    assert any("is 212 cm, a solid is" in v.what for v in flight.judge.violations)
+
+
 def test_the_wall_all_around_px4_may_be_farther_than_a_solid(flown: ConfiguredFlight) -> None:
     assert flown.kind == PX4
-    judge = ConfiguredJudge([], flown.kind, config=flown.config)
+    judge = ConfiguredJudge([], flown.kind, config=flown.judge.config)
     judge.sent(flown, [1100] * 72)
     assert judge.violations == []
     judge.sent(flown, [1100] * 71 + [1099])
     assert judge.violations != []
 
 
-def test_the_judge_notices_a_path_that_is_free_behind_a_wall(flown: ConfiguredFlight) -> None:
-    assert isinstance(flown.service, ConfiguredService)
-    assert flown.service.guard is not None
-    sight = flown.service.guard.sight
-    assert sight is not None
-    judge = ConfiguredJudge([], flown.kind, config=flown.config)
-    judge.path(flown, replace(sight, course_rad=0.0, free_m=30.0))
-    assert len(judge.wrong) == judge.free_paths == 1
-
-
-def test_the_judge_notices_a_client_for_which_everything_is_free(
-    flown: ConfiguredFlight, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize(("radius_m", "wrong"), [(0.4, False), (5.0, True)])
+def test_the_judged_path_is_as_wide_as_the_configured_hull(
+    flown: ConfiguredFlight, radius_m: float, wrong: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    assert flown.judge.points > 20
-    everywhere = SimpleNamespace(points=lambda points: [Occupancy.FREE] * len(points))
-    monkeypatch.setattr("benchmarks.configs.judge.Space", lambda models: everywhere)
-    monkeypatch.setattr("benchmarks.configs.judge.PlacedModel", lambda model, at: None)
-    judge = ConfiguredJudge([], flown.kind, config=flown.config)
-    result, model = cast(PrismsResult, SimpleNamespace(frame="ned")), cast(CameraModel, None)
-    judge.model(flown, result, model, flown.truth())
-    assert len(judge.wrong) == judge.points > 20
+    room_m = true_room_m(flown.field.outline_m, flown.truth(), 0.0, 0.4)
+    monkeypatch.setattr(Service, "claim", PathClaim(0.0, room_m))
+    monkeypatch.setattr(flown, "avoid", replace(flown.avoid, radius_m=radius_m))
+    judge = ConfiguredJudge([], flown.kind, config=flown.judge.config)
+    judge.judge_path(flown)
+    assert any("the path is free" in v.what for v in judge.violations) is wrong
 
 
-@pytest.mark.parametrize("section", SECTIONS)
-def test_other_values_are_valid_and_differ(section: str) -> None:
-    for key in fields_of(section):
-        values = other_values(key)
-        assert values, key.name
-        assert key.default not in values
-        for value in values:
-            if section in ("extractor", "expert"):
-                assert getattr(Params(**{key.name: value}), key.name) == value
-
-
-def test_a_key_without_effect_is_found() -> None:
-    """A recording of ten frames does not hold more than 256 samples."""
-    log = DATA / "trees.mcap"
-    assert digest(Config(), log) == digest(config_of({"record": {"file_s": 10.0}}, "x"), log)
-    assert digest(Config(), log) != digest(config_of({"extractor": {"column_step": 2}}, "x"), log)
-    assert "[sync] held_samples" in without_effect([log], ["sync"])
+def test_the_guard_of_the_flight_claims_what_it_assesses(flown: ConfiguredFlight) -> None:
+    assert flown.service is not None
+    assert flown.service.guard is not None
+    verdict = flown.service.guard.verdict
+    assert verdict is not None
+    assert flown.service.claim is not None
+    assert flown.service.claim.room_m == verdict.room_m
 
 
 def test_judged_keys_are_keys() -> None:

@@ -14,6 +14,7 @@ from benchmarks.faults.judge import Judge
 from benchmarks.faults.line import LINE_NS, AutopilotLine
 from benchmarks.faults.loop import FaultLoop
 from benchmarks.faults.path import PathClaim, true_room_m
+from benchmarks.faults.service import Service
 from benchmarks.faults.switches import MS, NS, Fault, Switches, switches_at
 from companion.config.avoidance import AvoidParams
 from companion.pipeline.results import PrismsResult
@@ -93,8 +94,9 @@ def test_the_mover_stands_where_its_outline_is() -> None:
 def test_a_path_ends_at_the_first_point_in_it() -> None:
     state = random_field(4, 20.0).path.at(0.0)
     outline_m = np.array([[5.0, 0.2], [3.0, 0.5], [0.1, 4.0], [-2.0, 0.0]])
-    rooms_m = [true_room_m(outline_m, state, angle) for angle in (0.0, math.pi / 2, math.pi, -math.pi / 2)]
+    rooms_m = [true_room_m(outline_m, state, angle, 0.4) for angle in (0.0, math.pi / 2, math.pi, -math.pi / 2)]
     assert rooms_m == pytest.approx([5.0, 4.0, 2.0, math.inf], abs=0.05)
+    assert true_room_m(outline_m, state, 0.0, 0.6) == pytest.approx(3.0, abs=0.05)
 
 
 def loop_and_judge(seed: int) -> tuple[FaultLoop, Judge]:
@@ -103,11 +105,12 @@ def loop_and_judge(seed: int) -> tuple[FaultLoop, Judge]:
 
 
 @pytest.mark.parametrize(("room_m", "wrong"), [(2.0, False), (30.0, True)])
-def test_the_judge_notices_a_path_that_is_free_beyond_a_solid(room_m: float, wrong: bool) -> None:
+def test_the_judge_notices_a_path_that_is_free_beyond_a_solid(
+    room_m: float, wrong: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
     loop, judge = loop_and_judge(4)
     loop.flown_ns = NS
-    assert loop.service is not None
-    loop.service.path.claim = PathClaim(0.3, room_m)
+    monkeypatch.setattr(Service, "claim", PathClaim(0.3, room_m))
     judge.sent(loop, [65535] * 72)
     assert any("the path is free" in v.what for v in judge.violations) is wrong
 
