@@ -422,6 +422,7 @@ def test_a_solid_in_a_clear_sector_is_wrong() -> None:
         assert clear >= 5
 
 
+@pytest.mark.slow
 def test_hard_views_show_their_things_and_no_free_or_open_cell_holds_one() -> None:
     """Each seventh frame; all of them: `campaign --hard`. What shows less than a pixel of itself is no case."""
     extractor, claimed, opened = Extractor(Params(), OpenSkyParams(mode="presume")), 0, 0

@@ -42,6 +42,7 @@ BLOCKS = 250
 """Objects of Python that may be more: one a frame kept would be as many as the frames."""
 
 
+@pytest.mark.slow
 def test_a_few_hundred_frames_leave_nothing_behind() -> None:
     shots = shots_of([SIZES[0]], images=1)
     samples = watch(every_frame(shots), mixed_frames(shots, []), 2 * QUICK_FRAMES, QUICK_FRAMES // 2)

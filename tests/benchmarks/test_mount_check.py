@@ -49,7 +49,10 @@ def test_a_sign_fault_of_the_mount_is_named_with_its_size() -> None:
 
 @pytest.mark.parametrize(
     "errors",
-    [Errors(pitch_deg=-1.5), Errors(roll_deg=2.0), pytest.param(Errors(pitch_deg=3.0), marks=pytest.mark.slow)],
+    [
+        Errors(pitch_deg=-1.5),
+        *(pytest.param(e, marks=pytest.mark.slow) for e in (Errors(roll_deg=2.0), Errors(pitch_deg=3.0))),
+    ],
     ids=str,
 )
 def test_small_errors_are_named_in_ten_seconds_of_turning_flight(errors: Errors) -> None:
@@ -72,7 +75,7 @@ def test_the_right_mount_is_left_alone(scene: str) -> None:
         assert not [f for f in frames if f.verdict.invalid or f.verdict in REPORTED]
 
 
-@pytest.mark.parametrize("slope_deg", [-10.0, 10.0, pytest.param(5.0, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("slope_deg", [-10.0, *(pytest.param(deg, marks=pytest.mark.slow) for deg in (10.0, 5.0))])
 def test_true_slopes_are_no_mount_errors(slope_deg: float) -> None:
     """With houses never; in the open frames may be invalid until the vehicle has turned."""
     rise = math.tan(math.radians(slope_deg))

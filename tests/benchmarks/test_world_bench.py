@@ -133,7 +133,7 @@ def test_a_box_of_cells_is_four_corners_and_one_polygon_a_layer() -> None:
     assert grid_bytes([np.zeros((0, 3))], [AHEAD], 0.2) == 0
 
 
-@pytest.mark.parametrize("name", ["block", "cylinder"])
+@pytest.mark.parametrize("name", [pytest.param("block", marks=pytest.mark.slow), "cylinder"])
 def test_what_is_flown_around_becomes_solid_and_nothing_of_it_is_missed(name: str) -> None:
     """A sixth of a flight's frames, with noise, a camera's faults and an error of the pose."""
     flight = next(f for f in flights(0) if f.name == name)

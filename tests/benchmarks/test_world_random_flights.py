@@ -17,7 +17,7 @@ def kinds(judge: Judge) -> dict[str, int]:
     return dict(Counter(kind for _, kind, _ in judge.wrong))
 
 
-@pytest.mark.parametrize("seed", [105, 115])
+@pytest.mark.parametrize("seed", [105, pytest.param(115, marks=pytest.mark.slow)])
 def test_nothing_solid_is_free_and_no_obstacle_is_lost(seed: int) -> None:
     judge = judged(seed)
     assert judge.cells > 500
