@@ -23,13 +23,12 @@ from pathlib import Path
 from benchmarks.open_air.joint_figures import JointFigures, figures_of, outline_table, table
 from benchmarks.open_air.open_claims import marked
 from benchmarks.open_air.view_options import INDOOR, words
-from benchmarks.open_air.views import Seen, View, pose_of, profile_of, scene_of, see
+from benchmarks.open_air.views import FRAMES, Seen, View, last_model, pose_of, profile_of, scene_of, see
 from companion.argument_parser import ArgumentParser
 from core.extractor import Extractor
 from core.frames import rotation_level_cam_optical
 from core.open_sky_params import OpenSkyParams
 from core.params import Params
-from core.types import ExtractorState
 from drivers.simulation.sensor_model import TYPICAL, measure
 from drivers.simulation.source import Rendered, look
 from drivers.simulation.stereo.stereo_profiles import StereoCamera, StereoProfile
@@ -51,8 +50,6 @@ SCENES = (
 )
 SEEDS, SKIES, NOISES_GREY = (0, 1, 2), ("clear", "hazy", "clouds"), (0.5, 1.0, 1.5)
 FALSE_STOPS_PERCENT = 1.0
-FRAMES = 2
-"""The second is judged, as of rendered pairs."""
 
 
 def combinations(every: bool) -> Iterator[tuple[int, str, tuple[float, ...]]]:
@@ -69,10 +66,8 @@ def modelled(view: View, profile: StereoProfile, extractor: Extractor) -> Seen:
     truth, R_level = look(scene.scene, info, R, at), rotation_level_cam_optical(R)
     scaled = TYPICAL.scaled_to(info.intrinsics.width)
     sensor = replace(scaled, ke_per_m=info.ke_per_m, blind_left_px=profile.unmatched_left_px)
-    state = ExtractorState()
-    for number in range(FRAMES):
-        depth = measure(truth.depth_m, info, sensor, view.seed, number)
-        model, state = extractor.extract(depth, info, R_level, state=state)
+    images = (measure(truth.depth_m, info, sensor, view.seed, number) for number in range(FRAMES))
+    depth, model = last_model(extractor, info, R_level, images)
     return Seen(
         view=view,
         noise_grey=0.0,

@@ -24,13 +24,13 @@ from benchmarks.free_space.volume import SLACK_M, SLACK_SIGMAS
 from benchmarks.open_air.odd_scenes import FAMILIES, odd_scene
 from benchmarks.open_air.open_claims import as_free, marked, true_ke_per_m
 from benchmarks.open_air.view_options import words
-from benchmarks.open_air.views import profile_of
+from benchmarks.open_air.views import FRAMES, last_model, profile_of
 from companion.argument_parser import ArgumentParser
 from core.extractor import Extractor
 from core.frames import R_CAMFRD_OPTICAL, rotation_from_euler, rotation_level_cam_optical
 from core.open_sky_params import OpenSkyParams
 from core.params import Params
-from core.types import ExtractorState, FrameModel
+from core.types import FrameModel
 from drivers.simulation.source import Rendered, look
 from drivers.simulation.stereo.pair_renderer import StereoPair, expose_pair
 from drivers.simulation.stereo.stereo_profiles import StereoCamera
@@ -66,13 +66,11 @@ def odd_view(
     attitude = math.radians(roll), math.radians(pitch), float(rng.uniform(-0.1, 0.1))
     R, at = rotation_from_euler(*attitude) @ R_CAMFRD_OPTICAL, np.array([0.0, 0.0, -odd.height_m])
     camera, R_level = cameras[profile], rotation_level_cam_optical(R)
-    bright, info, state = camera.brightness(scene, R, at, seed), camera.profile.info(), ExtractorState()
-    for number in range(2):
-        pair = expose_pair(bright, exposure, seed, number)
-        depth = camera.depth_of(pair)
-        model, state = extractor.extract(depth, info, R_level, state=state)
+    bright, info = camera.brightness(scene, R, at, seed), camera.profile.info()
+    pairs = [expose_pair(bright, exposure, seed, number) for number in range(FRAMES)]
+    depth, model = last_model(extractor, info, R_level, map(camera.depth_of, pairs))
     frame = Rendered(scene.scene, info, depth, R, R_level, at, look(scene.scene, info, R, at))
-    return OddView(where=f"{family} {seed}", profile=profile, pair=pair, frame=frame, model=model)
+    return OddView(where=f"{family} {seed}", profile=profile, pair=pairs[-1], frame=frame, model=model)
 
 
 def wrong_pixels(frame: Rendered, model: FrameModel, params: Params) -> Mask:

@@ -18,6 +18,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.open_air.views import FRAMES, last_model
 from companion.argument_parser import ArgumentParser
 from core.extractor import Extractor
 from core.frames import R_CAMFRD_OPTICAL, rotation_from_euler, rotation_level_cam_optical
@@ -29,7 +30,6 @@ from core.types import (
     TEXTURED_MM,
     TEXTURELESS_MM,
     CameraInfo,
-    ExtractorState,
     FrameModel,
     Intrinsics,
 )
@@ -98,8 +98,7 @@ def models(pair: Pair, depth: NDArray[np.uint16], pitches_deg: list[float]) -> I
     extractor = Extractor(open_sky=OpenSkyParams(mode="presume"))
     for pitch_deg in pitches_deg:
         R = rotation_level_cam_optical(rotation_from_euler(0.0, math.radians(pitch_deg), 0.0) @ R_CAMFRD_OPTICAL)
-        _, state = extractor.extract(depth, pair.info(), R, ExtractorState())
-        yield pitch_deg, extractor.extract(depth, pair.info(), R, state)[0]
+        yield pitch_deg, last_model(extractor, pair.info(), R, [depth] * FRAMES)[1]
 
 
 def words(pitch_deg: float, model: FrameModel) -> str:

@@ -27,10 +27,11 @@ from numpy.typing import NDArray
 from benchmarks.fidelity.coverage import ROUNDING_M, within_margin
 from benchmarks.fidelity.metrics import MISSED_M, stops
 from benchmarks.open_air.recorded_pair import Pair, load
+from benchmarks.open_air.views import FRAMES, last_model
 from core.extractor import Extractor
 from core.frames import R_CAMFRD_OPTICAL, rotation_from_euler, rotation_level_cam_optical
 from core.open_sky_params import OpenSkyParams
-from core.types import ExtractorState, FrameModel
+from core.types import FrameModel
 from drivers.cameras.stereo import MatchParams, StereoMatcher
 
 Floats = NDArray[np.float64]
@@ -95,9 +96,8 @@ def model_of(pair: Pair, R: Floats, max_range_m: float, bias_px: float) -> Frame
     """The model of the second of two equal frames, with open space presumed. R: level_cam from optical."""
     bias = bias_px / (pair.intrinsics.fx * pair.baseline_m)
     info = replace(pair.info(), max_range_m=max_range_m, bias_per_m=bias)
-    extractor, depth = Extractor(open_sky=OpenSkyParams(mode="presume")), pair.depth()
-    _, state = extractor.extract(depth, info, R, ExtractorState())
-    return extractor.extract(depth, info, R, state)[0]
+    extractor = Extractor(open_sky=OpenSkyParams(mode="presume"))
+    return last_model(extractor, info, R, [pair.depth()] * FRAMES)[1]
 
 
 def inside_cells(model: FrameModel, points_m: Floats, slack_m: Floats) -> tuple[int, int]:

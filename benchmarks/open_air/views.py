@@ -4,19 +4,23 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from core.extractor import Extractor
 from core.frames import R_CAMFRD_OPTICAL, rotation_from_euler, rotation_level_cam_optical
-from core.types import ExtractorState, FrameModel
+from core.types import CameraInfo, ExtractorState, FrameModel
 from drivers.simulation.source import Rendered, look
 from drivers.simulation.stereo.pair_renderer import PairBrightness, StereoPair, expose_pair
 from drivers.simulation.stereo.sky import SKIES
 from drivers.simulation.stereo.stereo_profiles import PROFILES, StereoCamera, StereoProfile
 from drivers.simulation.stereo.stereo_scenes import StereoScene, make_stereo_scene
+
+FRAMES = 2
+"""The second of two frames is judged, as in the fidelity run."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -75,9 +79,18 @@ def pose_of(view: View, scene: StereoScene) -> tuple[np.ndarray, np.ndarray]:
     return R, np.array([float(x), float(y), -height])
 
 
+def last_model(
+    extractor: Extractor, info: CameraInfo, R_level: NDArray[np.float64], images: Iterable[NDArray[np.uint16]]
+) -> tuple[NDArray[np.uint16], FrameModel]:
+    """The last of some images of one view, and its model: the images before measure the noise of the depth and the ground."""
+    state = ExtractorState()
+    for depth_mm in images:
+        model, state = extractor.extract(depth_mm, info, R_level, state=state)
+    return depth_mm, model
+
+
 def see(view: View, noises: tuple[float, ...], camera: StereoCamera, extractor: Extractor) -> Iterator[Seen]:
-    """A view at several levels of sensor noise. The second of two frames is judged, as in the fidelity run, so that the noise of
-    the depth and the ground are measured."""
+    """A view at several levels of sensor noise."""
     profile, scene = camera.profile, scene_of(view.scene, view.seed, view.sky)
     R, at = pose_of(view, scene)
     bright: PairBrightness = camera.brightness(scene, R, at, view.seed)
@@ -86,16 +99,13 @@ def see(view: View, noises: tuple[float, ...], camera: StereoCamera, extractor: 
     R_level = rotation_level_cam_optical(R)
     for noise in noises:
         exposure = replace(profile.view.exposure, noise_grey=noise)
-        state = ExtractorState()
-        for number in range(2):
-            pair = expose_pair(bright, exposure, view.seed, number)
-            depth = camera.depth_of(pair)
-            model, state = extractor.extract(depth, info, R_level, state=state)
+        pairs = [expose_pair(bright, exposure, view.seed, number) for number in range(FRAMES)]
+        depth, model = last_model(extractor, info, R_level, map(camera.depth_of, pairs))
         yield Seen(
             view=view,
             noise_grey=noise,
             scene=scene,
-            pair=pair,
+            pair=pairs[-1],
             model=model,
             unmatched_left_px=profile.unmatched_left_px,
             unmatched_right_px=profile.unmatched_right_px,
