@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import argparse
 import math
+import sys
 from collections import Counter
 from dataclasses import dataclass, field
 
@@ -231,12 +232,13 @@ def judged(seed: int, duration_s: float = 12.0, every: int = 25, among_vehicles:
     return judge
 
 
-def main() -> None:
+def main(arguments: list[str] | None = None) -> int:
+    """Command line; returns 1 where something is wrong."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seeds", default="0:10", help="first and last + 1")
     parser.add_argument("--duration", type=float, default=12.0, help="s of each flight")
     parser.add_argument("--vehicles", action="store_true", help="moving vehicles, more late frames, judged more often")
-    options = parser.parse_args()
+    options = parser.parse_args(arguments)
     first, end = map(int, options.seeds.split(":"))
     cells = places = 0
     total: Counter[str] = Counter()
@@ -248,7 +250,8 @@ def main() -> None:
         first_wrong = f", first {judge.wrong[0]}" if found else ""
         print(f"seed {seed}: {judge.cells} free cells, {judge.judged_places} places{first_wrong}", flush=True)
     print(f"seeds {options.seeds}: {cells} free cells, {places} observed places, wrong: {dict(total)}")
+    return int(total.total() > 0)
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

@@ -7,7 +7,7 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from benchmarks.world.random_judge import Judge, judged
+from benchmarks.world.random_judge import Judge, judged, main
 from core.world import world as core_world
 from core.world.world import World
 
@@ -38,6 +38,13 @@ def test_a_world_without_a_rule_is_found(monkeypatch: pytest.MonkeyPatch, name: 
     else:
         monkeypatch.setattr(core_world, name, lambda _, observations: np.zeros(len(observations), np.bool_))
     assert kind in kinds(judged(seed))
+
+
+def test_the_command_fails_where_something_is_wrong(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked = ["--seeds", "105:106", "--duration", "3"]
+    assert main(asked) == 0
+    monkeypatch.setattr(Judge, "check", lambda judge, *_: judge.wrong.append((0, "solid", "planted")))
+    assert main(asked) == 1
 
 
 def test_a_world_that_forgets_newer_frames_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
