@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import re
 import subprocess
 from collections.abc import Sequence
 from pathlib import Path
@@ -150,3 +151,14 @@ def test_the_peers_of_the_project_are_named_and_pinned() -> None:
     named = [r.split(">")[0] for r in peers(CHECKOUT / "pyproject.toml")]
     assert named
     assert all(f"\n{name}==" in pinned for name in named)
+
+
+def test_the_index_names_each_command_that_exists() -> None:
+    folder = CHECKOUT / "benchmarks"
+    named = set(re.findall(r"benchmarks(?:\.\w+)+", (folder / "README.md").read_text()))
+    runnable = {
+        ".".join(path.relative_to(CHECKOUT).with_suffix("").parts).removesuffix(".__main__")
+        for path in folder.rglob("*.py")
+        if '__name__ == "__main__"' in path.read_text()
+    }
+    assert named == runnable - {"benchmarks"}
