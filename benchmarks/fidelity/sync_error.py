@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.markdown import table
 from companion.config.sync import SyncParams
 from companion.pipeline.sync import AttitudeAt, Synchroniser
 from core.frames import rotation_from_quaternion
@@ -29,6 +30,17 @@ from drivers.simulation.flight_path import VehicleState, body_rates
 NS, MS = 1_000_000_000, 1_000_000
 WARM_S = 2.0
 """After the first heartbeat; then the clock is to be known."""
+COLUMNS = (
+    "autopilot",
+    "jitter ms",
+    "drift ppm",
+    "frame latency ms",
+    "clock error ms, median / p99",
+    "attitude error deg, median / p99",
+    "dropped",
+    "clock known after s",
+    "bound ms",
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -157,22 +169,21 @@ def _angle_deg(found: AttitudeAt, truth: VehicleState) -> float:
     return math.degrees(math.atan2(float(np.linalg.norm(axis)), float(np.trace(turn)) - 1.0))
 
 
-def table(cases: list[Case]) -> list[str]:
-    """Markdown."""
-    rows = [
-        "| autopilot | jitter ms | drift ppm | frame latency ms | clock error ms, median / p99 | attitude error deg, median / p99 | dropped | clock known after s | bound ms |",
-        "|---|---:|---:|---:|---:|---:|---:|---:|---:|",
+def row(case: Case) -> list[str]:
+    """Flies a case; returns its row of the table."""
+    e = fly(case)
+    clock_ms = np.abs(e.clock_s) * 1000.0
+    return [
+        case.kind,
+        f"{case.jitter_s * 1000:g}",
+        f"{case.drift_ppm:g}",
+        f"{case.frame_latency_s * 1000:g}",
+        f"{np.median(clock_ms):.2f} / {np.percentile(clock_ms, 99):.2f}",
+        f"{np.median(e.angle_deg):.3f} / {np.percentile(e.angle_deg, 99):.3f}",
+        str(e.dropped),
+        f"{e.known_after_s:.2f}",
+        f"{e.bound_s * 1000:.2f}",
     ]
-    for case in cases:
-        e = fly(case)
-        clock_ms = np.abs(e.clock_s) * 1000.0
-        rows.append(
-            f"| {case.kind} | {case.jitter_s * 1000:g} | {case.drift_ppm:g} | {case.frame_latency_s * 1000:g} "
-            f"| {np.median(clock_ms):.2f} / {np.percentile(clock_ms, 99):.2f} "
-            f"| {np.median(e.angle_deg):.3f} / {np.percentile(e.angle_deg, 99):.3f} | {e.dropped} "
-            f"| {e.known_after_s:.2f} | {e.bound_s * 1000:.2f} |"
-        )
-    return rows
 
 
 def main() -> None:
@@ -188,7 +199,7 @@ def main() -> None:
         for jitter_s, drift in ((0.0, 0.0), (0.005, 50.0), (0.005, -50.0), (0.02, 100.0))
         for latency_s in (0.0, 0.04)
     ]
-    print("\n".join(table(cases)))
+    print(table(COLUMNS, map(row, cases)))
 
 
 if __name__ == "__main__":

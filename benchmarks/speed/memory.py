@@ -17,6 +17,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks import markdown
 from benchmarks.speed.cases import KINDS, SEED, Kind, kind_sequence
 from companion.bench.frames import Depth, FrameSequence
 from core.extractor import Extractor
@@ -192,15 +193,12 @@ def shots_of(
 def table(samples: Sequence[Sample], rows: int = 20) -> str:
     """A Markdown table of some of the samples."""
     step = max(1, -(-len(samples) // rows))
+    titles = ("frames", "resident, MB", "held by the extractor, MB", "blocks of Python", "in use, MB")
     lines = [
-        "| frames | resident, MB | held by the extractor, MB | blocks of Python | in use, MB |",
-        "|---:|---:|---:|---:|---:|",
+        (str(s.frames), f"{s.resident / 1e6:.1f}", f"{s.held / 1e6:.2f}", str(s.blocks), f"{s.in_use / 1e6:.2f}")
+        for s in [*samples[:-1:step], samples[-1]]
     ]
-    for s in [*samples[:-1:step], samples[-1]]:
-        lines.append(
-            f"| {s.frames} | {s.resident / 1e6:.1f} | {s.held / 1e6:.2f} | {s.blocks} | {s.in_use / 1e6:.2f} |"
-        )
-    return "\n".join(lines) + "\n"
+    return markdown.table(titles, lines, words=0) + "\n"
 
 
 def growth_words(samples: Sequence[Sample]) -> str:

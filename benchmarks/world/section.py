@@ -103,18 +103,34 @@ def page(
             f"{WAYS:,} straight ways of about 1.7 m against {PLANES} planes in 80 x 80 m with free cells, in one call, one "
             "core, thread time, median of five; the index is built within. Answers are those of brute force and of shapely "
             "(tests/client/test_world_space.py).\n",
-            "| radius | ways a second | occupied | free | unknown |\n|---|---|---|---|---|",
-            *(f"| {q.radius_m:g} m | {q.per_s:,.0f} | {' | '.join(_p(a, 0) for a in q.answers)} |" for q in queries),
+            table(
+                ("radius", "ways a second", "occupied", "free", "unknown"),
+                ([f"{q.radius_m:g} m", f"{q.per_s:,.0f}", *(_p(a, 0) for a in q.answers)] for q in queries),
+            ),
         ]
     )
 
 
+TRUTH_HEAD = (
+    "flight",
+    "estimate",
+    "closed",
+    "missed",
+    "all",
+    "phantom",
+    "distance, m",
+    "p95, m",
+    "false free",
+    "unseen free",
+    "air",
+    "planes",
+    "of all frames",
+)
+
+
 def truth_table(found: Sequence[Verdict]) -> str:
     """A row for each flight and estimate."""
-    rows = [
-        "| flight | estimate | closed | missed | all | phantom | distance, m | p95, m | false free | unseen free | air | planes | of all frames |",
-        "|---|---|---|---|---|---|---|---|---|---|---|---|---|",
-    ]
+    rows = []
     for name in dict.fromkeys(v.flight for v in found):
         for estimate in ESTIMATES:
             mine = [v for v in found if v.flight == name and v.estimate == estimate.name]
@@ -127,12 +143,19 @@ def truth_table(found: Sequence[Verdict]) -> str:
                 for f in ("missed", "missed_all", "phantom", "false_free", "unseen_free")
             }
             rows.append(
-                f"| {name} | {estimate.name} | {_p(-_greatest([-v.closed for v in mine]), 0)} | {_p(worst['missed'])} | "
-                f"{_p(worst['missed_all'])} | {_p(worst['phantom'])} | {median['mean_m']:.3f} | {median['p95_m']:.2f} | "
-                f"{_p(worst['false_free'], 2)} | {_p(worst['unseen_free'], 2)} | {_p(median['air'], 0)} | {median['planes']:.0f} | "
-                f"{median['frame_planes']:.0f} |"
+                [
+                    name,
+                    estimate.name,
+                    _p(-_greatest([-v.closed for v in mine]), 0),
+                    *(_p(worst[f]) for f in ("missed", "missed_all", "phantom")),
+                    f"{median['mean_m']:.3f}",
+                    f"{median['p95_m']:.2f}",
+                    *(_p(worst[f], 2) for f in ("false_free", "unseen_free")),
+                    _p(median["air"], 0),
+                    *(f"{median[f]:.0f}" for f in ("planes", "frame_planes")),
+                ]
             )
-    return "\n".join(rows) + "\n"
+    return table(TRUTH_HEAD, rows, words=2) + "\n"
 
 
 def _greatest(values: Sequence[float]) -> float:
