@@ -163,6 +163,8 @@ class FaultLoop:
         """A camera is closed, and is opened with another calibration, which the supervisor of the service would refuse."""
         number = int(self._rng.integers(len(self.cameras)))
         closed_ns = round(self._rng.uniform(0.5, 1.5) * NS)
+        if self.flown_ns < self._closed_until_ns[number]:  # closed by a fault before this one
+            return
         self._closed_until_ns[number] = self.flown_ns + closed_ns
         self._after(closed_ns, lambda: self._opened(number, reopened(self.cameras[number], self._rng)))
 
