@@ -69,7 +69,7 @@ RETIRED = {
 }
 """Retired word or phrase -> its standard replacement."""
 
-PATTERNS = {word: re.compile(rf"(?<![\w-]){word}(?![\w-])", re.IGNORECASE) for word in RETIRED}
+PATTERN = re.compile(rf"(?<![\w-])(?:{'|'.join(sorted(RETIRED, key=len, reverse=True))})(?![\w-])", re.IGNORECASE)
 
 PAGES = [
     *(p for p in (ROOT / "docs").rglob("*.md") if "research" not in p.parts),
@@ -81,10 +81,9 @@ PAGES = [
 def retired_in(text: str) -> list[str]:
     """Each retired word of a text with its replacement and the words around it."""
     found = []
-    for word, pattern in PATTERNS.items():
-        if match := pattern.search(text):
-            around = text[max(0, match.start() - 40) : match.end() + 40].replace("\n", " ")
-            found.append(f"{word!r} (write: {RETIRED[word]}) in: ...{around}...")
+    for match in PATTERN.finditer(text):
+        around = text[max(0, match.start() - 40) : match.end() + 40].replace("\n", " ")
+        found.append(f"{match[0]!r} (write: {RETIRED[match[0].lower()]}) in: ...{around}...")
     return found
 
 
@@ -99,13 +98,15 @@ def prose(markdown: str) -> str:
 def messages(package: Path) -> Iterator[tuple[str, str]]:
     """(place, text) of the string literals of several words in a package, without docstrings."""
     for file in sorted(package.rglob("*.py")):
-        tree = ast.parse(file.read_text(encoding="utf-8"))
-        inner = {id(n.value) for n in ast.walk(tree) if isinstance(n, ast.Expr)}
-        texts = [(n.lineno, text_of(n)) for n in ast.walk(tree) if isinstance(n, ast.JoinedStr)]
-        inner |= {id(part) for n in ast.walk(tree) if isinstance(n, ast.JoinedStr) for part in n.values}
+        nodes = list(ast.walk(ast.parse(file.read_text(encoding="utf-8"))))
+        joined = [n for n in nodes if isinstance(n, ast.JoinedStr)]
+        inner = {id(n.value) for n in nodes if isinstance(n, ast.Expr)} | {
+            id(part) for n in joined for part in n.values
+        }
+        texts = [(n.lineno, text_of(n)) for n in joined]
         texts += [
             (n.lineno, n.value)
-            for n in ast.walk(tree)
+            for n in nodes
             if isinstance(n, ast.Constant) and isinstance(n.value, str) and id(n) not in inner
         ]
         yield from ((f"{file.relative_to(ROOT)}:{line}", text) for line, text in texts if text.count(" ") >= 2)

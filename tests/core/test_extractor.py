@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from core.types import FrameModel, PlaneFlags
@@ -15,6 +15,7 @@ from drivers.simulation.scenes import SceneBuilder
 from drivers.simulation.sensor_model import SensorModel
 from drivers.simulation.source import Rendered, camera_info
 
+from ..nightly import examples
 from .views import VIEW, extract, first_hit, flat_wall, level, noisy, seen
 
 TILTS = [(0.0, 0.0), *((math.radians(p), math.radians(r)) for p in (-30, -10, 10, 30) for r in (-30, -10, 10, 30))]
@@ -132,7 +133,7 @@ def test_a_sphere_and_a_cylinder_are_surrounded() -> None:
 
 
 @given(st.floats(0.3, 1.9), st.floats(4.0, 9.0), st.floats(-1.0, 1.0), st.integers(0, 2**31))
-@settings(max_examples=10)
+@examples(0.4)
 def test_no_plane_lies_farther_behind_what_protrudes_than_the_safe_distance_and_its_margin(
     out: float, distance: float, y: float, seed: int
 ) -> None:

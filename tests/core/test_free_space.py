@@ -20,6 +20,7 @@ from core.stages.ground import NO_GROUND
 from core.stages.view_geometry import SOURCE, ViewGeometry
 from core.types import FreeEnd, FreeProfile, Ground
 
+from ..nightly import examples
 from . import naive_free
 from .columns import QUANTUM, F, code, view
 from .tables import plane_table
@@ -50,6 +51,7 @@ def random_codes(rng: np.random.Generator, cols: int, rows: int) -> np.ndarray:
     return codes
 
 
+@examples(0.4)
 @given(SEED)
 def test_counting_and_walking_against_every_cell(seed: int) -> None:
     rng = np.random.default_rng(seed)

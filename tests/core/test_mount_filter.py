@@ -22,6 +22,8 @@ from core.self_check.mount_filter import FilterState, MountFilter, slope_rows
 from core.self_check.mount_params import MountCheckParams
 from core.types import CameraMount
 
+from ..nightly import nightly
+
 NS = 1_000_000_000
 P = MountCheckParams()
 
@@ -60,15 +62,15 @@ JUMPED = np.arange(400) >= 100
 STILL = np.zeros(400)
 
 
-@pytest.mark.parametrize("jump_deg", [30.0, 60.0, 90.0, 180.0])
-@pytest.mark.parametrize("slope_deg", [2.0, 3.0, 5.0, 8.0])
+@pytest.mark.parametrize("jump_deg", [30.0, *nightly(60.0, 90.0), 180.0])
+@pytest.mark.parametrize("slope_deg", [2.0, *nightly(3.0, 5.0), 8.0])
 def test_a_jump_of_the_heading_makes_no_mount_error_of_the_terrain(slope_deg: float, jump_deg: float) -> None:
     states = run((0.0, 0.0), (slope_deg, 0.0), STILL, jumps_deg=jump_deg * JUMPED, stamps_ns=NS * JUMPED)
     assert {s.verdict for s in states} <= {MountVerdict.UNKNOWN, MountVerdict.UNVERIFIED_SLOPE}
     assert min(np.degrees(states[-1].error_sd_rad)) > 5.0
 
 
-@pytest.mark.parametrize("jump_deg", [45.0, 90.0, 180.0])
+@pytest.mark.parametrize("jump_deg", [45.0, *nightly(90.0, 180.0)])
 def test_a_jump_of_the_heading_verifies_no_mount(jump_deg: float) -> None:
     """The terrain compensates the error of the mount. Only a turn of the vehicle shows it."""
     states = run((0.0, 5.0), (-5.0, 0.0), STILL, jumps_deg=jump_deg * JUMPED, stamps_ns=NS * JUMPED)

@@ -17,6 +17,7 @@ from core.types import FAR_MM, SATURATED_MM, CameraInfo, InvalidCause
 from drivers.simulation.sensor_model import TYPICAL
 from drivers.simulation.source import camera_info, render
 
+from ..nightly import nightly
 from . import naive
 from .views import INFO, anything_free, extract, first_hit, flat_wall, level, noisy, pixel_grid, to_mm
 
@@ -102,7 +103,7 @@ def test_noise_in_a_part_changes_no_estimate() -> None:
 
 
 @pytest.mark.parametrize("ke", [0.0015, 0.005])
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", [0, *nightly(1, 2)])
 def test_leaves_seen_by_a_faulty_camera_are_no_noise(ke: float, seed: int) -> None:
     """Many pixels of small leaves fly, but hardly any is unlike all of its neighbours."""
     info = camera_info(320, 240, ke_per_m=ke)

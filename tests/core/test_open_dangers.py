@@ -1,8 +1,10 @@
-"""Blank things that leave no measurement of their own: none of them may be open. Cameras of three focal lengths."""
+"""Blank things that leave no measurement of their own: none of them may be open. Cameras of three focal lengths, of which the two longer
+ones have half of their columns: what is open depends on rows."""
 
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
 
 import numpy as np
@@ -28,7 +30,7 @@ from drivers.cameras.textureless import SmoothLimits, mark_unmeasured
 
 ABOVE_GROUND_M, BASELINE_M = 2.0, 0.12
 Depth = NDArray[np.uint16]
-CAMERAS = {120.0: (200, 160), 350.0: (672, 376), 700.0: (1280, 720)}
+CAMERAS = {120.0: (200, 160), 350.0: (336, 376), 700.0: (640, 720)}
 FOCAL = pytest.mark.parametrize("f_px", list(CAMERAS))
 
 
@@ -123,6 +125,13 @@ def test_the_border_of_smooth_ground_is_filled_and_a_rail_before_it_is_not(rows:
     assert (open_m(model_of(f_px, depth), 0.0) >= 10.0) == is_open
 
 
+@functools.cache
+def normal_noise(f_px: float) -> tuple[NDArray[np.float64], ...]:
+    """Three images of standard normal noise: of the ground, of the left and of the right camera."""
+    width, height = CAMERAS[f_px]
+    return tuple(np.random.default_rng(7).standard_normal((3, height, width)))
+
+
 def marked_girder(
     f_px: float, top_row: int, bottom_row: int, lost_rows: int, lip_rows: int = 0, teeth_px: int = 0
 ) -> Depth:
@@ -138,9 +147,10 @@ def marked_girder(
     left = np.full((height, width), 200.0) + 0.2 * (rows - row_at(f_px, 0.0))
     left[max(0, top_row) :] = 120.0
     ground = rows >= bottom
-    left[ground] += rng.normal(0.0, 18.0, left.shape)[ground]
+    texture, *sensors = normal_noise(f_px)
+    left[ground] += 18.0 * texture[ground]
     left[(rows >= bottom - lip_rows) & ~ground] = 70.0
-    images = [np.clip(np.rint(left + rng.normal(0.0, 1.0, left.shape)), 0, 255).astype(np.uint8) for _ in range(2)]
+    images = [np.clip(np.rint(left + noise), 0, 255).astype(np.uint8) for noise in sensors]
     matched = rows >= bottom + lost_rows
     true_px = f_px * BASELINE_M / (0.001 * np.maximum(ground_mm(f_px), 1.0))[:, None]
     disparity = np.where(matched, true_px, -1.0).astype(np.float32)

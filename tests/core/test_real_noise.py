@@ -14,6 +14,8 @@ from core.frames import R_CAMFRD_OPTICAL, rotation_from_euler
 from core.params import Params
 from core.types import CameraInfo, ExtractorState, Intrinsics
 
+from ..nightly import nightly
+
 K = Intrinsics(640, 480, 383.5, 383.5, 321.7, 236.8)
 STILL = 7
 """The first frames of the recording, in which the camera hardly moves."""
@@ -34,7 +36,7 @@ def recording(shared_data: Path) -> list[tuple[np.ndarray, np.ndarray]]:
     ]
 
 
-@pytest.mark.parametrize("prior", [0.0015, 0.005])
+@pytest.mark.parametrize("prior", [0.0015, *nightly(0.005)])
 def test_a_range_of_20_m_gives_a_bounded_number_of_planes(
     recording: list[tuple[np.ndarray, np.ndarray]], prior: float
 ) -> None:

@@ -17,6 +17,7 @@ from core.types import CameraInfo, ExtractorState
 from drivers.simulation.sensor_model import SensorModel, measure
 from drivers.simulation.source import camera_info
 
+from ..nightly import nightly
 from .views import flat_wall, marks_of
 
 P = Params(min_sigma_px=0.01)
@@ -40,7 +41,7 @@ def after(frames: list[Depth], info: CameraInfo, p: Params = P, state: Extractor
 
 
 @pytest.mark.parametrize("length_px", [0.0, 9.0])
-@pytest.mark.parametrize("ke", [0.0015, 0.005])
+@pytest.mark.parametrize("ke", [0.0015, *nightly(0.005)])
 @pytest.mark.parametrize("configured", [1.0 / 3.0, 1.0, 3.0])
 def test_noise_of_a_still_camera_is_measured_for_any_correlation(
     ke: float, length_px: float, configured: float

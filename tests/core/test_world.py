@@ -194,7 +194,7 @@ def test_only_the_part_that_was_seen_through_goes() -> None:
 def test_a_wall_that_noise_hides_now_and_then_stays() -> None:
     world, walls, nothing = World(), np.array([wall(8.0, -4.0, 8.0, 4.0)]), np.zeros((0, 6))
     rng = np.random.default_rng(6)
-    hidden = rng.random(600) < 0.4
+    hidden = rng.random(150) < 0.4
     fly(world, walls, 10, speed=0.0)
     for k, hide in enumerate(hidden, start=10):
         world.add(seen(nothing if hide else walls, (0.0, 0.0), 0.0, k * STEP))

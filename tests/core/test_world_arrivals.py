@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from core.jit import kernel
@@ -16,6 +16,7 @@ from core.world.world import World
 from osape_client.query.space import Occupancy
 from osape_client.world.space import WorldSpace
 
+from ..nightly import examples
 from .test_world_free import cells, look, observations_at, profile
 from .worlds import NS, house, seen, wall
 
@@ -133,7 +134,7 @@ def test_a_cell_in_which_an_obstacle_stands_is_not_free_whether_it_has_arrived_o
         assert after < before
 
 
-@settings(max_examples=10)
+@examples(0.4)
 @given(st.integers(0, 2**32 - 1))
 def test_cells_behind_a_plane_by_a_ray_to_each(seed: int) -> None:
     rng, free = np.random.default_rng(seed), empty_free(256)

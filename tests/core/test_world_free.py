@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from core.free_view import FreeView
@@ -17,6 +17,8 @@ from core.world.free_grid import CELL_M, any_free, bits, empty_free, see_free, s
 from core.world.free_removal import stand_in
 from core.world.plane_index import BOX
 from osape_client.query.space import balls_free
+
+from ..nightly import examples
 
 pytestmark = pytest.mark.nojit
 SEED = st.integers(0, 2**32 - 1)
@@ -85,7 +87,7 @@ def _all_free(p: FreeProfile, middle: float, turn: float, k: int, near: float, f
     return False
 
 
-@settings(max_examples=6)
+@examples(0.1)
 @given(SEED)
 def test_cells_against_asking_each_one(seed: int) -> None:
     rng = np.random.default_rng(seed)
@@ -97,7 +99,7 @@ def test_cells_against_asking_each_one(seed: int) -> None:
     assert surely <= found <= maybe
 
 
-@settings(max_examples=20)
+@examples(0.8)
 @given(SEED)
 def test_every_free_cell_is_free_to_the_planners_queries(seed: int) -> None:
     rng = np.random.default_rng(seed)
@@ -167,7 +169,7 @@ def observations_at(rows: np.ndarray) -> np.ndarray:
     return out
 
 
-@settings(max_examples=10)
+@examples(0.4)
 @given(SEED)
 def test_where_an_obstacle_stands_nothing_is_free(seed: int) -> None:
     rng, free = np.random.default_rng(seed), empty_free(64)

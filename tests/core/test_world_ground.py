@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
@@ -25,6 +25,7 @@ from osape_client.world.decode import (
 from osape_client.world.space import WorldSpace
 from tests.client.test_solid_ground import model_of, random_scene, roof, street
 
+from ..nightly import examples
 from .worlds import DIRECTIONS, NS, seen
 
 Floats = NDArray[np.float64]
@@ -267,7 +268,7 @@ def test_ways_beyond_all_measure_are_answered_and_not_free() -> None:
     assert space.segments([[-1e9, 0.0, -40.0]], [[1e9, 0.0, -40.0]], 0.1).tolist() == [Occupancy.UNKNOWN]
 
 
-@settings(max_examples=10)
+@examples(0.4)
 @given(st.integers(0, 2**32 - 1))
 def test_a_way_is_occupied_where_a_ball_of_it_is(seed: int) -> None:
     """A way may pass the corner of a column between two samples of it."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from core.jit import kernel
@@ -59,7 +59,6 @@ def crosses(p: np.ndarray, low: np.ndarray, high: np.ndarray) -> bool:
     return bool(((at >= low[:2]) & (at <= high[:2])).all(axis=1).any() and p[4] <= high[2] and p[5] >= low[2])
 
 
-@settings(max_examples=25)
 @given(SEED)
 def test_found_by_place_as_by_looking_at_all(seed: int) -> None:
     rng = np.random.default_rng(seed)
