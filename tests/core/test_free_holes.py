@@ -13,9 +13,8 @@ from core.types import FreeProfile
 
 from . import naive_free
 from .columns import F, code, view
-from .test_free_space import THICK, compiled, profile
+from .test_free_space import THICK, profile
 
-pytestmark = pytest.mark.nojit
 # Without the JIT holes and their sides are compared with naive_free, and one hole that ends a range and one that ends none.
 SEED = st.integers(0, 2**32 - 1)
 COLS, ROWS = 160, 160
@@ -35,6 +34,7 @@ def random_holes(rng: np.random.Generator, cols: int, rows: int) -> np.ndarray:
     return codes
 
 
+@pytest.mark.nojit
 @given(SEED)
 def test_holes_are_the_squares_of_unknown_cells(seed: int) -> None:
     rng = np.random.default_rng(seed)
@@ -44,6 +44,7 @@ def test_holes_are_the_squares_of_unknown_cells(seed: int) -> None:
         np.testing.assert_array_equal((holes >> k) & 1 != 0, naive_free.holes(codes == 0, 4 << k))
 
 
+@pytest.mark.nojit
 @given(SEED)
 def test_holes_of_a_direction_and_those_beside_it(seed: int) -> None:
     rng = np.random.default_rng(seed)
@@ -62,6 +63,7 @@ def test_holes_of_a_direction_and_those_beside_it(seed: int) -> None:
         assert holds_hole(own, v0, v1, k) == bool((own[max(v0, 0) : max(v1 + 1, 0)] >> k & 1).any())
 
 
+@pytest.mark.nojit
 def test_the_side_that_is_nearest_as_a_ratio() -> None:
     cells = [0.1, 4.0, 5.6, 5.7, 11.3, 11.4, 22.6, 22.7, 1000.0]
     assert [side_index(c) for c in cells] == [0, 0, 0, 1, 1, 2, 2, 3, 3]
@@ -94,7 +96,6 @@ HIDDEN = {
 """Columns from the end of a direction on, and rows, of things that hide less than a fifth of the layer at 2 m."""
 
 
-@pytest.mark.compiled
 @pytest.mark.parametrize("name", ["sphere", "bar", "pole"])
 def test_a_thing_nearer_than_the_minimum_range_is_in_no_free_cell(name: str) -> None:
     """It may reach to 1.5 times that range: what is free begins behind that."""
@@ -112,7 +113,6 @@ def test_a_thing_nearer_than_the_minimum_range_is_in_no_free_cell(name: str) -> 
     assert g.free_from_m[direction, layer] == f.free_from_m[direction, layer]
 
 
-@pytest.mark.compiled
 def test_the_corner_of_a_thing_without_texture_is_in_no_free_cell() -> None:
     """A blank thing of 1 x 1 m at 4 m: 25 cells, one column of which lies in the direction."""
     f = profile_with()
@@ -126,7 +126,7 @@ def test_the_corner_of_a_thing_without_texture_is_in_no_free_cell() -> None:
     assert covers(g, direction - 1, 4.0)
 
 
-@pytest.mark.parametrize(("first", "end"), [(12, 54), compiled(12, 55), compiled(105, 148), compiled(106, 148)])
+@pytest.mark.parametrize(("first", "end"), [(12, 54), (12, 55), (105, 148), (106, 148)])
 def test_the_edge_of_a_hole_that_fills_a_block_in_part_is_in_no_free_cell(first: int, end: int) -> None:
     """The rings at 3.75 and 3.5 m see the layer in rows 53..106 and 51..108. The hole ends with the second or third of the four rows
     of the block in which the layer begins or ends, one or two rows within it."""
@@ -139,7 +139,7 @@ def test_the_edge_of_a_hole_that_fills_a_block_in_part_is_in_no_free_cell(first:
     assert covers(g, direction, 5.0)
 
 
-@pytest.mark.parametrize(("first", "end"), [(12, 53), compiled(107, 148)])
+@pytest.mark.parametrize(("first", "end"), [(12, 53), (107, 148)])
 def test_a_hole_whose_edge_does_not_reach_the_rows_of_a_ring_does_not_end_it(first: int, end: int) -> None:
     """The ring at 3.75 m sees the layer in rows 53..106, the one at 3.5 m in rows 51..108."""
     f = profile_with()
@@ -150,7 +150,6 @@ def test_a_hole_whose_edge_does_not_reach_the_rows_of_a_ring_does_not_end_it(fir
     assert covers(g, direction, 3.8)
 
 
-@pytest.mark.compiled
 def test_the_upper_edge_of_a_wall_without_texture_is_in_no_free_cell_of_a_layer_below_the_camera() -> None:
     """The wall stands at 8.53 m and ends 1.11 m below the camera, in row 50 of rows 44..51 that the ring at 8.5 m sees. The ring at
     9.5 m sees the layer in rows 43..49, over the wall."""
@@ -165,7 +164,6 @@ def test_the_upper_edge_of_a_wall_without_texture_is_in_no_free_cell_of_a_layer_
     assert f.free_to_m[direction, layer] > 18.0
 
 
-@pytest.mark.compiled
 @pytest.mark.parametrize("left", [True, False])
 def test_the_side_of_a_round_hole_is_in_no_free_cell(left: bool) -> None:
     """A hole of 60 cells across, of which two columns lie in the direction: 15 and 21 rows, where 32 count. Squares of that side
@@ -183,6 +181,7 @@ def test_the_side_of_a_round_hole_is_in_no_free_cell(left: bool) -> None:
     assert covers(g, direction - 1 if left else direction + 1, 3.0)
 
 
+@pytest.mark.nojit
 @given(SEED)
 def test_sides_of_holes_against_each_block(seed: int) -> None:
     rng = np.random.default_rng(seed)
@@ -195,7 +194,6 @@ def test_sides_of_holes_against_each_block(seed: int) -> None:
         np.testing.assert_array_equal((found >> k) & 1 != 0, wanted)
 
 
-@pytest.mark.compiled
 @given(SEED)
 def test_dropped_pixels_and_lines_are_no_hole(seed: int) -> None:
     """Except in the outermost columns, beside which nothing is known."""
@@ -207,7 +205,6 @@ def test_dropped_pixels_and_lines_are_no_hole(seed: int) -> None:
     assert not find_holes(unknown_of_blocks(codes)).any()
 
 
-@pytest.mark.compiled
 @given(SEED)
 def test_holes_only_take_free_space_away(seed: int) -> None:
     """A range that begins behind a hole ends where it would without the rule."""

@@ -26,7 +26,6 @@ from .columns import QUANTUM, F, code, view
 from .tables import plane_table
 from .views import VIEW, extract, flat_wall, free_to, level
 
-pytestmark = pytest.mark.nojit
 SEED = st.integers(0, 2**32 - 1)
 KE = 0.0015
 SEEN_TO_19_M = np.array([(160, 120, 1.0, 0.0, 19.0, 20.0, 0.3)], SOURCE)[0]
@@ -51,6 +50,7 @@ def random_codes(rng: np.random.Generator, cols: int, rows: int) -> np.ndarray:
     return codes
 
 
+@pytest.mark.nojit
 @examples(0.4)
 @given(SEED)
 def test_counting_and_walking_against_every_cell(seed: int) -> None:
@@ -131,6 +131,7 @@ def test_counting_and_walking_against_every_cell(seed: int) -> None:
             assert FreeEnd(end[d, layer]).name == why
 
 
+@pytest.mark.nojit
 @given(st.floats(0.0001, 0.05), st.floats(0.0, 0.5), st.floats(50.0, 5000.0))
 def test_what_a_code_sees_through_is_what_it_measures_behind(spread: float, cap: float, gain: float) -> None:
     x = gain / np.arange(2, 65536)
@@ -148,6 +149,7 @@ def test_the_greatest_code_is_seen_through_at_no_distance() -> None:
     np.testing.assert_array_equal(codes < rings.least_blocking_code(gain, 0.0, 0.0, 1.25), gain / codes >= 1.25)
 
 
+@pytest.mark.nojit
 @given(SEED)
 def test_codes_are_counted_from_the_first_to_the_last_of_them(seed: int) -> None:
     rng = np.random.default_rng(seed)
@@ -161,11 +163,6 @@ def test_codes_are_counted_from_the_first_to_the_last_of_them(seed: int) -> None
 def test_more_cells_are_counted_than_a_narrow_number_holds() -> None:
     cells = np.full(150_000, 9, np.uint16)
     assert count_codes(cells, 1, 150_000, 9, 9) == 149_999
-
-
-def compiled(*values: object) -> object:
-    """A case that the pass without the JIT leaves out."""
-    return pytest.param(*values, marks=pytest.mark.compiled)
 
 
 THICK: dict[str, float] = {"profile_layers": 7, "profile_layer_m": 2.0, "profile_outer_layers": 0}
@@ -187,6 +184,7 @@ def profile(
     return free_profile(seen, no_planes, DepthBias(0.0, 1.0, 0.0))
 
 
+@pytest.mark.nojit
 def test_the_nearest_rings_are_half_a_step_apart() -> None:
     found = np.zeros(60, np.float32)
     count = rings.place_rings(0.5, 12.0, found)
@@ -196,7 +194,7 @@ def test_the_nearest_rings_are_half_a_step_apart() -> None:
     assert rings.place_rings(0.5, 12.0, found[:5]) == 5
 
 
-@pytest.mark.parametrize("distance", [2.2, compiled(5.0), compiled(9.7), 16.0])
+@pytest.mark.parametrize("distance", [2.2, 5.0, 9.7, 16.0])
 def test_a_wall_ends_the_free_range_less_than_a_ring_and_its_noise_before_it(distance: float) -> None:
     g = view(rows=120, cols=160)
     f = profile(np.full((160, 120), code(distance)[0]), g)
@@ -218,13 +216,12 @@ def begins_at(codes: np.ndarray, layer: int = 3, min_range_m: float = 0.3, **par
     return f.free_from_m[:, layer] / np.sqrt(1.0 + np.maximum(edges[1:], edges[:-1]) ** 2)
 
 
-@pytest.mark.parametrize(("rows", "begin_m"), [compiled(120, 1.75), (130, 1.625), compiled(134, 1.5)])
+@pytest.mark.parametrize(("rows", "begin_m"), [(120, 1.75), (130, 1.625), (134, 1.5)])
 def test_a_free_range_begins_up_to_half_a_step_before_its_first_ring(rows: int, begin_m: float) -> None:
     """A layer of 2 m fits the view from 1.67, 1.54 and 1.49 m on; the rings are at 1.5 and 1.75 m."""
     np.testing.assert_allclose(begins_at(np.full((160, rows), 1, np.uint16)), begin_m, rtol=1e-5)
 
 
-@pytest.mark.compiled  # where a range begins: the test of half a step above
 def test_one_free_ring_alone_gives_no_range() -> None:
     """A wall between the ring at 1.75 m and the next one at 2 m."""
     f = profile(np.full((160, 130), code(1.9)[0]), view(rows=130, cols=160))
@@ -233,7 +230,6 @@ def test_one_free_ring_alone_gives_no_range() -> None:
     np.testing.assert_allclose(begins_at(np.full((160, 130), code(2.1)[0])), 1.625, rtol=1e-5)
 
 
-@pytest.mark.compiled  # where a range begins: the test of half a step above
 def test_a_ring_in_view_that_is_not_free_is_not_halved() -> None:
     """A fifth of the cells at 1.5 m are unknown, and a little less at 1.625 m: something may be there."""
     codes = np.full((160, 134), 1, np.uint16)
@@ -242,14 +238,12 @@ def test_a_ring_in_view_that_is_not_free_is_not_halved() -> None:
     np.testing.assert_allclose(begins_at(codes), 1.75, rtol=1e-5)
 
 
-@pytest.mark.compiled  # where a range begins: the test of half a step above
 def test_what_is_not_seen_through_at_the_middle_before_the_first_ring_is_not_free() -> None:
     codes = np.full((160, 130), 1, np.uint16)
     codes[:, :16] = codes[:, -16:] = code(1.2)[0]  # a quarter of the rows at the middle, less than a fifth at the ring
     np.testing.assert_allclose(begins_at(codes), 1.75, rtol=1e-5)
 
 
-@pytest.mark.compiled  # where a range begins: the test of half a step above
 def test_a_column_that_is_unknown_at_the_middle_before_the_first_ring_is_not_free() -> None:
     """17 of the 32 blocks of rows at the middle, 15 of the 30 at the ring."""
     codes = np.full((160, 130), 1, np.uint16)
@@ -259,7 +253,6 @@ def test_a_column_that_is_unknown_at_the_middle_before_the_first_ring_is_not_fre
     np.testing.assert_allclose(begins[begins < 1.74], 1.625, rtol=1e-5)
 
 
-@pytest.mark.compiled  # where a range begins beside holes: test_counting_and_walking_against_every_cell
 @pytest.mark.parametrize(("hole", "layer", "rows"), [(24, 7, 180), (260, 8, 420)])
 def test_a_hole_at_the_middle_or_at_the_first_ring_may_hide_a_near_thing(hole: int, layer: int, rows: int) -> None:
     """The middle, 0.375 m, is nearer than 1.5 times the minimum range, the first ring, 0.5 m, is not. The first hole lies in
@@ -292,7 +285,6 @@ def test_unknown_and_field_of_view_are_distinguished() -> None:
     assert (profile(spotted, g).free_to_m[:, 3] > 10).all()
 
 
-@pytest.mark.compiled  # a third of the columns: the test above
 @pytest.mark.parametrize(("across", "down"), [(2, 1), (1, 2), (3, 1), (1, 3), (2, 2)])
 def test_no_pattern_of_unknown_cells_escapes_the_sampling(across: int, down: int) -> None:
     """Every second or third line, column or cell unknown: at least a quarter of the cells, so nothing is free."""
@@ -303,7 +295,6 @@ def test_no_pattern_of_unknown_cells_escapes_the_sampling(across: int, down: int
         assert (profile(codes, g).free_to_m[:-1] == 0).all()
 
 
-@pytest.mark.compiled  # the rule: test_counting_and_walking_against_every_cell
 @pytest.mark.parametrize("column", [0, 80, 84, 159])
 def test_a_column_without_a_measurement_is_not_free(column: int) -> None:
     """One unknown column of a direction: a pole or the end of a wall may be in it."""
@@ -321,7 +312,6 @@ def test_a_column_without_a_measurement_is_not_free(column: int) -> None:
     assert (profile(codes, g).free_to_m[:, 3] > 10.0).all()
 
 
-@pytest.mark.compiled
 def test_a_chequered_pattern_of_unknown_cells_is_not_free() -> None:
     g = view(rows=240, cols=640, f=450.0)
     chequered = np.where(np.add.outer(np.arange(640), np.arange(240)) % 2 == 0, 0, 1).astype(np.uint16)
@@ -339,6 +329,7 @@ def test_the_profile_spans_the_view_in_even_directions() -> None:
     np.testing.assert_allclose(f.layer_edges_m, np.arange(-7.0, 7.5, 2.0))
 
 
+@pytest.mark.nojit
 def test_layers_are_thin_around_the_camera_and_thick_above_and_below() -> None:
     edges = fs.layer_edges(Params())
     np.testing.assert_allclose(edges[3:13], np.arange(-2.25, 2.5, 0.5))
@@ -402,6 +393,7 @@ def stopped(
     return to, end
 
 
+@pytest.mark.nojit
 def test_no_plane_is_passed_and_its_margin_is_kept() -> None:
     planes = plane_table((5.0, -1.0, 6.0, 1.0, -0.5, 0.5), (3.0, 1.5, 3.0, 2.0, 1.5, 2.5), (1.0, -3.0, 1.0, 3.0, -9, 9))
     planes[2].support = -1  # dropped
@@ -468,7 +460,6 @@ def test_what_a_plane_of_another_layer_hides_is_not_free() -> None:
         assert (to[:, 1 if z[0] > 0 else 3] == 9.0).all()
 
 
-@pytest.mark.compiled  # the whole extractor: tests/core/test_open_space.py
 @pytest.mark.parametrize("tilt", [(0.0, 0.0), (0.3, 0.0), (-0.3, 0.4)])
 def test_free_ranges_before_a_wall_are_right_at_any_tilt(tilt: tuple[float, float]) -> None:
     model = extract(flat_wall(VIEW, 7.0, *tilt), VIEW, level(*tilt))
@@ -478,7 +469,6 @@ def test_free_ranges_before_a_wall_are_right_at_any_tilt(tilt: tuple[float, floa
     assert free_to(model, 0.0, 0.0) > 6.0
 
 
-@pytest.mark.compiled
 def test_columns_pooled_for_speed_hide_no_unknown() -> None:
     """Every second column unknown: pooled by their nearest they would look seen through."""
     depth = flat_wall(VIEW, 7.0)

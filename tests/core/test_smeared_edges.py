@@ -38,8 +38,6 @@ NO_GROUND = Ground(seen=False)
 Depth = NDArray[np.uint16]
 Metres = NDArray[np.float64]
 
-pytestmark = pytest.mark.nojit
-
 
 def compiled(value: float) -> object:
     """A case that the pass without the JIT leaves out."""
@@ -82,6 +80,7 @@ def test_a_ramp_between_two_walls_is_dropped_and_the_walls_are_kept() -> None:
     assert gone[np.abs(depth - 9000.0) < 300].mean() < 0.15
 
 
+@pytest.mark.nojit
 def test_a_ramp_that_ends_beyond_the_range_is_not_seen_through() -> None:
     wide = replace(INFO, intrinsics=Intrinsics(640, 24, 450.0, 450.0, 319.5, 11.5))
     sensor = replace(SMEARED, smear_px=9.0)
@@ -109,6 +108,7 @@ def test_walls_seen_at_a_slant_stay(offset_m: float) -> None:
     assert dropped(depth)[0].mean() < 0.01
 
 
+@pytest.mark.nojit
 def test_poles_and_wires_stay() -> None:
     """Their middles are nearer than both sides, however smeared."""
     depth_m = np.full((120, 160), 12.0)
@@ -122,6 +122,7 @@ def test_poles_and_wires_stay() -> None:
     assert not gone[60:62, 120:].all(axis=0).any()
 
 
+@pytest.mark.nojit
 def test_the_near_sides_of_leaves_stay() -> None:
     rng = np.random.default_rng(4)
     depth_m = rng.uniform(5.0, 8.0, (30, 40)).repeat(4, axis=0).repeat(4, axis=1)
@@ -135,6 +136,7 @@ def test_the_near_sides_of_leaves_stay() -> None:
     assert dropped(measure(depth_m, INFO, SHARP, 1))[0].mean() < 0.01
 
 
+@pytest.mark.nojit
 @pytest.mark.parametrize("height_m", [0.1, compiled(0.3), compiled(0.6), 2.0])
 def test_the_ground_stays_below_a_low_camera(height_m: float) -> None:
     """Close above it the ground is as steep as a ramp."""
@@ -145,7 +147,7 @@ def test_the_ground_stays_below_a_low_camera(height_m: float) -> None:
     assert gone[62:].mean() < 0.002
 
 
-@pytest.mark.parametrize("below_m", [0.3, compiled(0.6), compiled(-0.5)])
+@pytest.mark.parametrize("below_m", [0.3, 0.6, -0.5])
 def test_the_tops_of_things_stay(below_m: float) -> None:
     """A horizontal surface close below or above the camera, without a ground, between a front at 3 m and a wall at 9 m."""
     down = (np.arange(120) - 59.5) / 112.5
@@ -185,7 +187,6 @@ def test_a_few_sharp_frames_do_not_turn_the_verdict_and_many_do() -> None:
     assert not verdicts[-1]
 
 
-@pytest.mark.compiled  # the whole extractor with ramps: test_thin_things_before_a_wall_stay_in_the_model
 def test_the_extractor_drops_ramps_of_a_camera_that_smears_and_reports_them() -> None:
     extractor = Extractor(P)
     smeared, _ = extractor.extract(measure(stripes(), INFO, SMEARED, 1), INFO, R_CAMFRD_OPTICAL, JUDGED)
@@ -199,7 +200,6 @@ def test_the_extractor_drops_ramps_of_a_camera_that_smears_and_reports_them() ->
     assert sharp.stats.smeared_px == 0 == never.stats.smeared_px
 
 
-@pytest.mark.compiled
 def test_the_free_range_ends_no_later_than_with_the_near_wall_in_place_of_the_ramps() -> None:
     depth = measure(stripes(), INFO, SMEARED, 1)
     gone, _ = dropped(depth)
@@ -225,6 +225,7 @@ def distance_at_pixel(planes: NDArray[np.float32], u: float, v: float) -> float:
     return first
 
 
+@pytest.mark.nojit
 @pytest.mark.parametrize("ke_per_m", [KE, compiled(0.002)])
 def test_thin_things_before_a_wall_stay_in_the_model(ke_per_m: float) -> None:
     """A pole, a wire and a branch, each two pixels wide, before a wall at 14 m."""
@@ -252,8 +253,8 @@ def grazing_wall(offset_m: float, nearest_m: float) -> Depth:
     return depth
 
 
-@pytest.mark.parametrize("offset_m", [compiled(0.5), compiled(0.7), 0.95])
-@pytest.mark.parametrize("nearest_m", [compiled(4.0), 6.0, compiled(8.0)])
+@pytest.mark.parametrize("offset_m", [0.5, 0.7, 0.95])
+@pytest.mark.parametrize("nearest_m", [4.0, 6.0, 8.0])
 def test_a_wall_at_a_slant_beside_a_hole_is_neither_evidence_nor_dropped(offset_m: float, nearest_m: float) -> None:
     """Where the depth beyond the near end is unknown, a surface and a ramp look the same."""
     depth = grazing_wall(offset_m, nearest_m)
@@ -267,7 +268,6 @@ def test_a_wall_at_a_slant_beside_a_hole_is_neither_evidence_nor_dropped(offset_
     assert not dropped(depth, info=low_noise)[0].any()
 
 
-@pytest.mark.compiled  # the kernels on the same wall: the test above
 def test_the_extractor_keeps_a_wall_at_a_slant_beside_a_hole() -> None:
     depth = grazing_wall(0.7, 5.0)
     extractor, state = Extractor(P), ExtractorState()

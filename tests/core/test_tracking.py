@@ -16,8 +16,6 @@ from core.tracking.tracker import Tracker
 from .tracked import POST, SMALL, STEP, WALL, distance, frame, with_margin, without_position
 from .worlds import blind, wall
 
-pytestmark = pytest.mark.nojit
-
 
 def states(s: TrackSnapshot) -> list[TrackState]:
     return [STATES[int(k)] for k in s.state]
@@ -57,6 +55,7 @@ def test_published_margin_reaches_the_nearest_face_of_the_newest_detection() -> 
     assert s.planes[:, [0, 2]].min() - s.margin_m[0] <= 7.85 - 0.05 + 1e-4
 
 
+@pytest.mark.nojit
 def test_one_detection_beside_a_wall_seen_edge_on_does_not_replace_its_line() -> None:
     """It is seen more than 0.15 m beside the line: the line moves so far that it hides what the detection hides."""
     tracker, side = Tracker(SMALL), wall(4.0, -2.0, 12.0, -2.0)
@@ -70,6 +69,7 @@ def test_one_detection_beside_a_wall_seen_edge_on_does_not_replace_its_line() ->
         assert distance(s, x, -2.2) <= 0.15 / math.cos(math.atan2(2.2, x)) + 0.01
 
 
+@pytest.mark.nojit
 def test_every_detection_of_the_frame_is_covered_by_the_tracks() -> None:
     tracker, rng = Tracker(SMALL), np.random.default_rng(5)
     walls = [wall(6.0 + k % 3, -4.0 + k, 6.5 + k % 2, -3.2 + k) for k in range(8)]
@@ -167,6 +167,7 @@ def test_the_memory_of_what_is_hidden_grows_with_the_square_of_the_observations(
     assert distance(tracker.observe(frame([screen], last + steps + 1)), 8.0, 0.0) > 1.0
 
 
+@pytest.mark.nojit
 def test_a_post_before_a_wall_is_seen_through_where_the_free_ranges_are_coarse() -> None:
     """Beside another post: their common direction is never free, but the wall is detected behind the place."""
     tracker, post, other = Tracker(SMALL), wall(6.0, -0.12, 6.0, 0.0), wall(6.0, 0.05, 6.0, 0.12)
@@ -189,6 +190,7 @@ def test_a_short_detection_beside_a_line_seen_edge_on_is_no_part_of_it() -> None
     assert len(s.ids) >= 2
 
 
+@pytest.mark.nojit
 def test_invalid_frames_remove_nothing() -> None:
     tracker = Tracker(SMALL)
     for k in range(10):
@@ -238,6 +240,7 @@ def test_without_a_position_tracks_follow_the_motion_of_the_vehicle() -> None:
     assert len(ids) <= 4
 
 
+@pytest.mark.nojit
 def test_without_a_position_a_still_vehicle_has_no_speed_where_few_planes_show_its_motion() -> None:
     """A street in strong noise: only its far end shows how far the vehicle flies along it."""
     rng = np.random.default_rng(4)
@@ -261,6 +264,7 @@ def test_without_a_position_the_speed_is_found_within_a_second(speed_m_s: float)
     assert tracker.state().velocity_m_s == pytest.approx((speed_m_s, 0.0), abs=0.4)
 
 
+@pytest.mark.nojit
 def test_without_a_position_margins_grow_while_nothing_is_observed() -> None:
     tracker = Tracker(SMALL)
     for k in range(10):
@@ -279,6 +283,7 @@ def test_a_reset_of_the_position_moves_the_tracks_with_the_vehicle() -> None:
     assert distance(s, 58.0, 30.0) < 0.1
 
 
+@pytest.mark.nojit
 def test_more_planes_than_slots_are_counted() -> None:
     tracker = Tracker(TrackingParams(most_tracks=64))
     walls = [wall(5.0 + 0.01 * k, -3.0 + 0.08 * k, 5.0 + 0.01 * k, -2.95 + 0.08 * k) for k in range(70)]
@@ -298,7 +303,7 @@ def test_more_planes_than_slots_are_counted() -> None:
     assert tracker.counts["detections_left_out"] == 6
 
 
-@pytest.mark.parametrize("at", [5, *(pytest.param(at, marks=pytest.mark.compiled) for at in (12, 17))])
+@pytest.mark.parametrize("at", [5, 12, 17])
 def test_a_tracker_resumed_from_its_state_continues_bit_for_bit(at: int) -> None:
     def frames() -> list[TrackingFrame]:
         rng = np.random.default_rng(7)
@@ -325,6 +330,7 @@ def test_a_tracker_resumed_from_its_state_continues_bit_for_bit(at: int) -> None
     assert other.state() == one.state()
 
 
+@pytest.mark.nojit
 def test_a_state_that_does_not_fit_is_refused() -> None:
     tracker = Tracker(SMALL)
     tracker.observe(frame([WALL], 0))

@@ -9,8 +9,6 @@ from core.tracking.tracker import Tracker
 from .tracked import SMALL, frame
 from .worlds import wall
 
-pytestmark = pytest.mark.nojit
-
 
 @pytest.mark.parametrize("sign", [-1.0, 1.0], ids=["left", "right"])
 @pytest.mark.parametrize("up", [-1.0, 1.0], ids=["upper", "lower"])
@@ -40,6 +38,7 @@ def test_a_track_covers_no_corner_that_neither_of_its_detections_reaches(
     assert max(max(up * p[4], up * p[5]) for p in there) < 1.0
 
 
+@pytest.mark.nojit
 @pytest.mark.parametrize("behind_m", [0.25, 0.35])
 def test_a_track_that_a_detection_covers_makes_a_longer_track_no_taller(behind_m: float) -> None:
     """The detection continues a long track, and covers a taller one behind a part of it."""

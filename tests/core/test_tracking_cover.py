@@ -16,7 +16,6 @@ from core.tracking.tracker import Tracker
 from .tracked import SMALL, WALL, distance, frame, with_margin
 from .worlds import wall
 
-pytestmark = pytest.mark.nojit
 Floats = NDArray[np.float32]
 LEFT, RIGHT = wall(6.0, -1.5, 6.0, 0.0), wall(6.1, 0.0, 6.1, 1.5)
 FLAT = wall(6.2, -1.4, 6.2, 1.4)
@@ -45,6 +44,7 @@ def only(planes: list[list[float]], k: int, flags: int = 0) -> TrackingFrame:
     return dataclasses.replace(f, model=model)
 
 
+@pytest.mark.nojit
 def test_a_detection_behind_two_tracks_adds_none() -> None:
     tracker, tilted = settled([LEFT, wall(6.25, 0.0, 6.25, 1.5)]), wall(5.98, -1.2, 6.35, 1.0)
     s = tracker.observe(only([tilted], 10))
@@ -87,6 +87,7 @@ def test_a_gap_between_the_tracks_is_covered_where_a_detection_lies_in_it(gap_m:
         )
 
 
+@pytest.mark.nojit
 def test_two_posts_are_not_joined_by_growth() -> None:
     tracker = Tracker(SMALL)
     for k in range(5):
@@ -102,6 +103,7 @@ def test_a_filled_gap_seen_open_goes_after_one_frame_that_sees_through_it() -> N
     assert distance(tracker.observe(frame([WALL], 11)), 4.0, 0.0) > 3.0
 
 
+@pytest.mark.nojit
 def test_a_filled_gap_that_one_frame_alone_has_goes_whole_where_a_part_of_it_is_seen_through() -> None:
     """No obstacle was measured in it. Where all of it is hidden or out of view nothing says that there is none."""
     tracker, gap = settled([WALL]), wall(4.0, -0.5, 4.0, 0.5)

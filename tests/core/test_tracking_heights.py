@@ -15,8 +15,6 @@ from core.types import FreeEnd
 from .tracked import SMALL, STEP, distance, without_position
 from .worlds import seen, wall
 
-pytestmark = pytest.mark.nojit
-COMPILED = pytest.mark.compiled
 LOW = wall(4.0, -0.5, 4.0, 0.5, -0.5, 0.5)
 BACK = wall(12.0, -9.0, 12.0, 9.0, -9.0, 9.0)
 HALF_RAD = math.radians(28.0)
@@ -64,14 +62,14 @@ def frame(walls: list[list[float]], k: int, z: float = 0.0, pitch_deg: float = 0
     ("z", "pitch_deg"),
     [
         pytest.param(-3.2, 0.0, id="climb"),
-        pytest.param(3.2, 0.0, id="descent", marks=COMPILED),
-        pytest.param(-8.0, 0.0, id="beyond the layers", marks=COMPILED),
-        pytest.param(8.0, 0.0, id="under the layers", marks=COMPILED),
-        pytest.param(0.0, 45.0, id="pitched up", marks=COMPILED),
+        pytest.param(3.2, 0.0, id="descent"),
+        pytest.param(-8.0, 0.0, id="beyond the layers"),
+        pytest.param(8.0, 0.0, id="under the layers"),
+        pytest.param(0.0, 45.0, id="pitched up"),
         pytest.param(0.0, -45.0, id="pitched down"),
     ],
 )
-@pytest.mark.parametrize("frames", [2, pytest.param(5, marks=COMPILED), pytest.param(20, marks=COMPILED)])
+@pytest.mark.parametrize("frames", [2, 5, 20])
 def test_what_is_above_or_below_the_image_is_kept_for_the_whole_memory(frames, z, pitch_deg, behind):
     """The camera has moved there within a second."""
     tracker, last, memory = Tracker(SMALL), frames - 1, round(10 * SMALL.memory_s)
@@ -93,7 +91,8 @@ def test_the_same_without_a_position(pitch_deg):
         assert (distance(s, 4.0, 0.0) < 0.1) is (k - 4 <= memory), k
 
 
-@pytest.mark.parametrize("sign", [-1.0, pytest.param(1.0, marks=COMPILED)], ids=["above", "below"])
+@pytest.mark.nojit
+@pytest.mark.parametrize("sign", [-1.0, pytest.param(1.0, marks=pytest.mark.compiled)], ids=["above", "below"])
 def test_the_part_of_an_obstacle_that_has_left_the_view_is_not_removed_with_the_rest(sign):
     """Most of it is seen through, but a third lies beyond the border of the image, where nothing proves it free."""
     low, high = sorted((sign * 3.2, sign * -0.3))
@@ -108,6 +107,7 @@ def test_the_part_of_an_obstacle_that_has_left_the_view_is_not_removed_with_the_
         assert distance(s, 4.0, 0.0) < 0.1, k
 
 
+@pytest.mark.nojit
 def test_an_obstacle_of_which_little_is_out_of_view_is_removed_when_it_is_seen_through():
     tall, tracker = wall(4.0, -0.5, 4.0, 0.5, -2.4, 1.0), Tracker(SMALL)
     for k in range(20):

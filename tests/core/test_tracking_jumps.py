@@ -13,7 +13,6 @@ from core.tracking.tracker import Tracker
 
 from .tracked import POST, SMALL, STEP, WALL, distance, frame, without_position
 
-pytestmark = pytest.mark.nojit
 JUMP = math.radians(70.0)
 """By more than half of the view, so that what was in view is out of it in the new axes, unless it is rotated too."""
 
@@ -61,6 +60,7 @@ def test_a_hidden_track_turns_too() -> None:
     assert distance(s, 8.0, 0.0) > 2.0
 
 
+@pytest.mark.nojit
 def test_a_jump_that_the_tracks_contain_already_is_not_applied_again() -> None:
     tracker = Tracker(SMALL)
     for k in range(5):

@@ -15,8 +15,6 @@ from core.tracking.tracker import Tracker
 from .tracked import SMALL, frame, without_position
 from .worlds import wall
 
-pytestmark = pytest.mark.nojit
-COMPILED = pytest.mark.compiled
 Floats = NDArray[np.float32]
 SIGMA_M, MARGIN_M = 0.6, 1.2
 """Of the ends of a fragment along the viewing ray; 95 % lie within the margin."""
@@ -96,7 +94,7 @@ def assert_all_hidden(f: TrackingFrame, s: TrackSnapshot, *wires: list[float]) -
         assert not short.any(), shown[short]
 
 
-@pytest.mark.parametrize("seed", [1, pytest.param(2, marks=COMPILED), pytest.param(3, marks=COMPILED)])
+@pytest.mark.parametrize("seed", [1, 2, 3])
 def test_the_fragments_of_a_wire_become_at_most_three_tracks(seed: int) -> None:
     tracker, rng = Tracker(SMALL), np.random.default_rng(seed)
     for k in range(15):
@@ -111,7 +109,6 @@ def test_the_fragments_of_a_wire_become_at_most_three_tracks(seed: int) -> None:
     assert s.sigma_m[longest] < 0.3
 
 
-@COMPILED
 def test_the_id_of_a_wire_lasts() -> None:
     tracker, rng, ids = Tracker(SMALL), np.random.default_rng(4), []
     for k in range(30):
@@ -120,6 +117,7 @@ def test_the_id_of_a_wire_lasts() -> None:
     assert len(set(ids[10:])) == 1
 
 
+@pytest.mark.nojit
 def test_a_thin_obstacle_nearer_by_more_than_its_margin_is_a_track_at_once() -> None:
     tracker, rng = Tracker(SMALL), np.random.default_rng(5)
     for k in range(15):
@@ -131,6 +129,7 @@ def test_a_thin_obstacle_nearer_by_more_than_its_margin_is_a_track_at_once() -> 
     assert stop_m(s.planes, 0.0, -0.375 / 9.0) <= 9.0 + 0.1
 
 
+@pytest.mark.nojit
 def test_a_second_wire_that_the_noise_can_tell_apart_stays_a_second_track() -> None:
     """In front of the other in the same rows of the image, half of it each."""
     tracker, rng, margin_m = Tracker(SMALL), np.random.default_rng(6), 0.2
@@ -143,7 +142,6 @@ def test_a_second_wire_that_the_noise_can_tell_apart_stays_a_second_track() -> N
     assert stop_m(s.planes, math.atan2(3.0, 12.0), -0.5 / 12.0) == pytest.approx(math.hypot(3.0, 12.0), abs=0.2)
 
 
-@COMPILED
 def test_a_gap_that_is_seen_through_is_not_bridged() -> None:
     tracker, rng = Tracker(SMALL), np.random.default_rng(7)
     parts = [wall(12.0, -7.0, 12.0, -1.0, -0.55, -0.45), wall(12.0, 1.0, 12.0, 7.0, -0.55, -0.45)]
@@ -156,6 +154,7 @@ def test_a_gap_that_is_seen_through_is_not_bridged() -> None:
         assert stop_m(s.planes, math.atan2(y, 12.0), -0.5 / 12.0) < 14.0
 
 
+@pytest.mark.nojit
 def test_a_wire_that_is_removed_goes_when_it_is_seen_through() -> None:
     tracker, rng = Tracker(SMALL), np.random.default_rng(8)
     for k in range(15):
@@ -177,7 +176,6 @@ def test_a_wire_that_is_hidden_is_kept() -> None:
     assert stop_m(s.planes[s.planes[:, 0] > 6.0], 0.0, -0.5 / 12.0) < 14.0
 
 
-@COMPILED
 def test_fragments_one_above_the_other_stay_apart() -> None:
     """Two wires, one below the other: what lies between them is open."""
     tracker, rng = Tracker(SMALL), np.random.default_rng(10)
@@ -190,7 +188,8 @@ def test_fragments_one_above_the_other_stay_apart() -> None:
     assert len(s.ids) <= 6
 
 
-@pytest.mark.parametrize("slope", [0.3, pytest.param(-0.6, marks=COMPILED)])
+@pytest.mark.nojit
+@pytest.mark.parametrize("slope", [0.3, pytest.param(-0.6, marks=pytest.mark.compiled)])
 def test_a_wire_at_an_angle_to_the_view_is_followed_from_a_moving_camera(slope: float) -> None:
     tracker, rng = Tracker(SMALL), np.random.default_rng(11)
     wire = wall(12.0 - 6.0 * slope, -6.0, 12.0 + 6.0 * slope, 6.0, -0.55, -0.45)
@@ -209,7 +208,6 @@ def test_a_wire_at_an_angle_to_the_view_is_followed_from_a_moving_camera(slope: 
     assert math.hypot(bx - ax, by - ay) > 10.0
 
 
-@COMPILED
 def test_without_a_position_fragments_are_not_joined() -> None:
     """Those of several frames lie apart by the error of the estimated motion: the plane would be moved by metres."""
     tracker, rng = Tracker(SMALL), np.random.default_rng(12)

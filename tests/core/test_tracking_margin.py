@@ -15,8 +15,6 @@ from core.tracking.tracker import Tracker
 from .tracked import SMALL, frame
 from .worlds import wall
 
-pytestmark = pytest.mark.nojit
-
 
 def nearest_m(s: TrackSnapshot, y: float) -> float:
     """How near the tracks with their margins come to the camera at y, along x."""

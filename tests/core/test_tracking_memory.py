@@ -16,7 +16,6 @@ from core.types import FreeEnd, PlaneFlags
 from .tracked import POST, SMALL, STEP, WALL, distance, frame, with_planes, without_position
 from .worlds import NS, wall
 
-pytestmark = pytest.mark.nojit
 MEASURED, GAP = int(PlaneFlags.UNKNOWN_BEHIND), int(PlaneFlags.INFERRED)
 ASIDE = math.radians(90.0)
 
@@ -184,6 +183,7 @@ def test_a_position_in_every_second_frame_only_is_no_position() -> None:
     assert len(turned_away(tracker, range(20 + most, 21 + most), positioned=False).ids) == 0
 
 
+@pytest.mark.nojit
 def test_many_losses_are_never_counted_as_less() -> None:
     params = dataclasses.replace(SMALL, memory_s=120.0, memory_without_position_s=30.0)
     tracker, losses = Tracker(params), 3 * MOST_LOSSES
@@ -197,6 +197,7 @@ def test_many_losses_are_never_counted_as_less() -> None:
     assert len(tracker.state().losses) == MOST_LOSSES
 
 
+@pytest.mark.nojit
 @pytest.mark.parametrize("positioned", [True, False])
 def test_a_clock_that_goes_back_moves_the_loss_of_the_position_too(positioned: bool) -> None:
     tracker = observed_post()

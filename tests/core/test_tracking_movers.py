@@ -20,7 +20,6 @@ from core.tracking.tracker import Tracker
 from .tracked import SMALL, STEP, distance, frame, without_position
 from .worlds import NS, blind, wall
 
-pytestmark = pytest.mark.nojit
 BACK = wall(14.0, -14.0, 14.0, 14.0)
 
 
@@ -52,6 +51,7 @@ def test_a_person_is_moving_within_a_second(x: float, y: float, vx: float, vy: f
     assert (s.object_id[wall_rows] == 0).all()
 
 
+@pytest.mark.nojit
 def test_a_car_at_eight_metres_a_second() -> None:
     _, s = follow(lambda t: [face(10.0, -5.0 + 8.0 * t, width=1.8)], 11)
     assert len(s.objects) == 1
@@ -66,12 +66,12 @@ def test_a_mover_leaves_no_trail_for_longer_than_half_a_second() -> None:
     assert len(s.ids) <= 4
 
 
+@pytest.mark.nojit
 def test_a_mover_that_stops_is_static_again() -> None:
     _, s = follow(lambda t: [face(6.0, -1.5 + 1.5 * min(t, 1.2))], 40)
     assert s.objects == ()
 
 
-@pytest.mark.compiled  # sixty frames each; without the JIT: test_flicker_is_no_motion
 @pytest.mark.parametrize("seed", [1, 2])
 def test_static_obstacles_do_not_move_under_pose_errors(seed: int) -> None:
     """Drift of 1 % of the way, a yaw error that swings by 1 degree, vibration of 0.03 m."""
@@ -99,6 +99,7 @@ def with_planes(f: TrackingFrame, planes: np.ndarray) -> TrackingFrame:
     return dataclasses.replace(f, model=dataclasses.replace(f.model, planes=planes.astype(np.float32)))
 
 
+@pytest.mark.nojit
 def test_flicker_is_no_motion() -> None:
     """Pieces of a bush that come and go at random."""
     rng = np.random.default_rng(9)
@@ -125,6 +126,7 @@ def noisy(f: TrackingFrame, ke_per_m: float) -> TrackingFrame:
     return dataclasses.replace(f, model=dataclasses.replace(f.model, ke_per_m=ke_per_m))
 
 
+@pytest.mark.nojit
 @pytest.mark.parametrize(("x", "vx"), [(9.0, -1.5), (4.0, 1.5)])
 def test_a_person_on_the_viewing_ray_is_moving_in_a_noisy_camera(x: float, vx: float) -> None:
     """The place of 0.35 s ago is within the noise of the present one; that of 1 to 2 s ago is not."""
@@ -137,6 +139,7 @@ def test_a_person_on_the_viewing_ray_is_moving_in_a_noisy_camera(x: float, vx: f
     assert abs(s.objects[0].velocity_m_s[1]) < 0.3
 
 
+@pytest.mark.nojit
 def test_fragments_that_flash_beside_a_person_do_not_end_its_motion() -> None:
     """A fragment seen once has no velocity, so that its place is uncertain: it must not take the person's detections."""
     rng = np.random.default_rng(8)
@@ -177,6 +180,7 @@ def test_a_group_takes_the_object_whose_place_is_known_best() -> None:
     assert groups[0].object == 0
 
 
+@pytest.mark.nojit
 def test_a_filled_gap_does_not_join_a_car_and_a_pole() -> None:
     car, gap, pole = face(8.0, 0.0, 1.8), wall(8.0, 0.9, 8.0, 2.2, -1.0, 1.0), face(8.0, 2.3, 0.2)
     assert len(groups_of(rows_of([car, pole], [2, 2]))) == 2
@@ -203,6 +207,7 @@ def test_a_group_at_the_border_of_the_measured_directions_is_cut(y: float, moves
     assert bool(group.plane_flags & 12) != moves
 
 
+@pytest.mark.nojit
 def test_views_without_a_free_range_limit_everything() -> None:
     tracker = Tracker(SMALL)
     f = frame([face(6.0, 0.0)], 0)
@@ -215,6 +220,7 @@ def test_views_without_a_free_range_limit_everything() -> None:
     assert last == pytest.approx(math.radians(40.0))
 
 
+@pytest.mark.nojit
 @pytest.mark.parametrize("name", ["height_m", "slope_x", "noise_per_m"])
 @pytest.mark.parametrize("bad", [math.nan, math.inf])
 def test_ground_that_is_not_finite_leaves_no_free_range(name: str, bad: float) -> None:
@@ -256,9 +262,7 @@ def test_the_box_of_a_mover_contains_its_planes_at_once() -> None:
     assert z + hz >= 1.0 - 1e-6
 
 
-@pytest.mark.parametrize(
-    ("vx", "vy"), [(0.0, 4.0), *(pytest.param(*v, marks=pytest.mark.compiled) for v in ((-2.0, 0.0), (0.0, 1.5)))]
-)
+@pytest.mark.parametrize(("vx", "vy"), [(0.0, 4.0), (-2.0, 0.0), (0.0, 1.5)])
 def test_a_mover_that_stops_suddenly_is_not_published_beside_its_place(vx: float, vy: float) -> None:
     tracker, stop = Tracker(SMALL), 1.5
     for k in range(32):
@@ -273,6 +277,7 @@ def test_a_mover_that_stops_suddenly_is_not_published_beside_its_place(vx: float
     assert s.objects == ()
 
 
+@pytest.mark.nojit
 def test_an_object_that_stops_keeps_its_id_with_an_uncertain_velocity() -> None:
     tracker = Tracker(SMALL)
     for k in range(18):
@@ -337,6 +342,7 @@ def test_tracks_belong_to_no_object_once_the_position_is_lost() -> None:
     assert (s.object_id == 0).all()
 
 
+@pytest.mark.nojit
 def test_ids_of_moving_obstacles_are_not_given_again_after_a_restart_of_the_camera() -> None:
     tracker = Tracker(SMALL)
     first = walking(tracker, range(20, 34)).objects[0]

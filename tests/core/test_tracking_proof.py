@@ -14,8 +14,6 @@ from core.tracking.tracker import Tracker
 from .tracked import POST, SMALL, STEP, WALL, distance, frame, with_planes, without_position
 from .worlds import NS, wall
 
-pytestmark = pytest.mark.nojit
-COMPILED = pytest.mark.compiled
 BOX = wall(6.0, -0.25, 6.0, 0.25)
 BACK = wall(12.0, -9.0, 12.0, 9.0)
 
@@ -49,7 +47,7 @@ def test_the_part_of_a_wall_that_a_screen_hides_little_by_little_is_kept() -> No
     assert distance(s, 8.0, -2.0) < 0.1
 
 
-@pytest.mark.parametrize("turn", [-1.0, pytest.param(1.0, marks=COMPILED)])
+@pytest.mark.parametrize("turn", [-1.0, 1.0])
 def test_the_part_of_a_wall_that_leaves_the_view_little_by_little_is_kept(turn: float) -> None:
     tracker = settled([WALL])
     for k in range(20, 110):
@@ -66,6 +64,7 @@ def test_a_detection_that_replaces_the_line_of_a_new_track_keeps_what_it_does_no
     assert distance(s, 8.9, -1.0) < 0.3
 
 
+@pytest.mark.nojit
 @pytest.mark.parametrize("cut", ["nowhere", "left", "right", "top", "bottom"])
 def test_tracks_keep_the_edge_at_which_the_border_of_the_image_cut_what_they_hide(cut: str) -> None:
     """Two tracks hide one detection that continues neither, in a view that ends where it ends. Edges that were not cut follow
@@ -86,7 +85,7 @@ def test_tracks_keep_the_edge_at_which_the_border_of_the_image_cut_what_they_hid
     assert np.allclose(s.planes[:, 5], before[:, 5], atol=0.05) == (cut == "bottom")
 
 
-@pytest.mark.parametrize("frames", [2, pytest.param(7, marks=COMPILED), pytest.param(20, marks=COMPILED)])
+@pytest.mark.parametrize("frames", [2, 7, 20])
 @pytest.mark.parametrize(("positioned", "memory_s"), [(True, SMALL.memory_s), (False, SMALL.memory_without_position_s)])
 def test_what_has_left_the_view_is_kept_for_the_whole_memory(frames: int, positioned: bool, memory_s: float) -> None:
     """From the second observation on: the camera turns away, so that no frame can prove anything."""
