@@ -12,6 +12,7 @@ from core.tracking.snapshot import TrackingFrame
 from core.tracking.tracker import Tracker
 from core.types import FreeEnd
 
+from ..nightly import nightly
 from .tracked import SMALL, STEP, distance, without_position
 from .worlds import seen, wall
 
@@ -69,7 +70,7 @@ def frame(walls: list[list[float]], k: int, z: float = 0.0, pitch_deg: float = 0
         pytest.param(0.0, -45.0, id="pitched down"),
     ],
 )
-@pytest.mark.parametrize("frames", [2, 5, 20])
+@pytest.mark.parametrize("frames", [2, *nightly(5), 20])
 def test_what_is_above_or_below_the_image_is_kept_for_the_whole_memory(frames, z, pitch_deg, behind):
     """The camera has moved there within a second."""
     tracker, last, memory = Tracker(SMALL), frames - 1, round(10 * SMALL.memory_s)
