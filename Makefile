@@ -57,11 +57,11 @@ check: $(STAMP) lint ## lint, types and the tests that a change affects (two min
 test: lint ## all checks, 12 to 40 minutes on two cores
 	@$(MAKE) --no-print-directory -k test-computing test-processes test-realtime
 
-# The tests that call kernels directly (marker nojit) run twice more: without the JIT and with bounds checks. Kernels with
-# bounds checks have a cache directory of their own (companion/kernels/jit_cache.py).
+# Tests of the branches of kernels (marker nojit) run twice more: without the JIT and with bounds checks. Kernels with bounds
+# checks have a cache directory of their own (companion/kernels/jit_cache.py); with whole files fewer are compiled by both workers.
 test-computing: $(STAMP)
 	@echo "== kernels without the JIT"; NUMBA_DISABLE_JIT=1 $(BIN)/pytest $(WORKERS) -n 2 -m "nojit and unit and not compiled" $(call WITH_MARK,nojit,tests/core)
-	@echo "== kernels with bounds checks"; NUMBA_BOUNDSCHECK=1 $(BIN)/pytest $(WORKERS) -n 2 -m "nojit and unit" $(call WITH_MARK,nojit,tests/core)
+	@echo "== kernels with bounds checks"; NUMBA_BOUNDSCHECK=1 $(BIN)/pytest $(BY_FILE) -n 2 -m "nojit and unit" $(call WITH_MARK,nojit,tests/core)
 	@echo "== unit tests"; $(BIN)/pytest $(BY_FILE) -n 2 -m unit tests
 
 # So that no test with processes waits for a compiler: compiled where they never were.
