@@ -26,6 +26,7 @@ def nearest_m(s: TrackSnapshot, y: float) -> float:
     return min(found)
 
 
+@pytest.mark.nojit
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_the_margins_reach_every_detection_of_the_newest_frame(seed: int) -> None:
     """Also where another detection moves the line of the track afterwards, and where two tracks are merged."""
