@@ -69,7 +69,7 @@ REMEDIES: Final[Mapping[str, Mapping[D, str]]] = {
         D.UDP_FLOOD: "find the sender; use a signed line",
         D.SIGNING_FAULT: "compare the keys: [signing](../how-to/sign-the-mavlink-line.md)",
         D.DUPLICATE_AUTOPILOT: (
-            "find the second sender; give each vehicle its own system id. Also copies that arrive late by another route"
+            "find the second sender; give each vehicle its own system id. Copies that arrive late by another route cause it too"
         ),
         D.SEVERAL_VEHICLES: "set `[autopilot] system_id`",
         D.DUPLICATE_OBSTACLE_SOURCE: (
@@ -93,8 +93,9 @@ REMEDIES: Final[Mapping[str, Mapping[D, str]]] = {
             "`SRn_EXTRA1`, newer `MAVn_EXTRA1`; PX4 `MAV_n_RATE`); another station may reset it"
         ),
         D.NO_TIMESYNC: (
-            "**do not fly**: a [delay of the line above 30 ms](../explanation/clock-synchronisation.md#the-autopilots-clock) "
-            "displaces obstacles in turns. Use MAVLink 2 on that port; TIMESYNC must pass all routers in both directions"
+            "**do not fly**: all cameras are blind for 10 s after its first message; then a [delay of the line above 30 ms]"
+            "(../explanation/clock-synchronisation.md#the-autopilots-clock) displaces obstacles in turns. Use MAVLink 2 on that "
+            "port; TIMESYNC must pass all routers in both directions"
         ),
         D.CLOCK_UNCERTAIN: (
             "above 10 ms: the line is slow, or NTP corrects the clock of this computer. Use 921600 baud, or lower rates; "
