@@ -30,7 +30,6 @@ from drivers.mavlink.commands import DO_CHANGE_SPEED, DO_SET_MODE
 from ..guard_machine import BLIND, BLOCKED, FREE, GUARD, MODES, NARROW, Flight
 
 DOCS = Path(__file__).parents[3] / "docs"
-PAGE = (DOCS / "explanation" / "guard.md").read_text()
 NOTES = (DOCS / "research" / "autopilot-measurements.md").read_text()
 HOW_TO = (DOCS / "how-to" / "guard-a-mission.md").read_text()
 NS = 1_000_000_000
@@ -100,7 +99,7 @@ def flown_transitions() -> set[tuple[str, str]]:
 
 
 def test_the_page_names_the_states_and_transitions_of_the_code() -> None:
-    diagram = PAGE[PAGE.index("```mermaid") :].split("```")[1]
+    diagram = NOTES[NOTES.index("```mermaid") :].split("```")[1]
     drawn = set(re.findall(r"^  (\w+) --> (\w+): .+$", diagram, re.MULTILINE))
     assert drawn == flown_transitions()
     assert {state for pair in drawn for state in pair} == {str(state) for state in GuardState}
