@@ -204,7 +204,7 @@ def test_a_verdict_that_flips_between_two_valid_ones_ends_invalid_frames() -> No
 
 @pytest.mark.parametrize("lag_s", [0.05, 0.2, *nightly(0.1, 0.15)])
 @pytest.mark.parametrize("amplitude_deg", [15.0, 35.0, *nightly(25.0)])
-@pytest.mark.parametrize("seed", [0, *map(nightly, range(1, 4))])
+@pytest.mark.parametrize("seed", [0, *nightly(1, 2, 3)])
 def test_attitudes_that_are_late_by_an_unknown_delay_are_no_mount_error(
     amplitude_deg: float, lag_s: float, seed: int
 ) -> None:

@@ -152,7 +152,7 @@ def similar_trees(rng: np.random.Generator, seed: int, first: int, last: int, si
     return np.array(rows)
 
 
-@pytest.mark.parametrize("seed", [0, 1, *map(nightly, range(2, 6))])
+@pytest.mark.parametrize("seed", [0, 1, *nightly(*range(2, 6))])
 @pytest.mark.parametrize("first", [6, 7])
 def test_a_row_of_similar_trees_is_not_shifted_by_a_period(first: int, seed: int) -> None:
     """Four or five trees are common, and the positions are wrong by one period: there more trees stand together, and
@@ -199,7 +199,7 @@ def test_a_row_that_agrees_by_less_than_seventy_percent_is_inconsistent() -> Non
 
 
 @pytest.mark.parametrize("period_m", [1.5, 2.6, 3.0, 3.4])
-@pytest.mark.parametrize("seed", [0, 1, *map(nightly, range(2, 12))])
+@pytest.mark.parametrize("seed", [0, 1, *nightly(*range(2, 12))])
 def test_a_facade_that_repeats_is_ambiguous_whatever_its_period(period_m: float, seed: int) -> None:
     """Both vehicles have observed bays of the same facades, and one has observed those beyond, too. The periods are no
     multiples of the cells of the coarse grid."""
