@@ -177,8 +177,12 @@ class Judge:
             near_m = float(np.hypot(*deep_m[wrong].T).min())
             self._note(loop, f"{np.count_nonzero(wrong)} points in solids from {near_m:.2f} m are free in the world")
         estimates = in_estimates(loop, at_height(surface_m), exposed_ns)
-        if len(estimates) == 1 and loop.field.mover is None and (lost := self._world.lost(estimates[0])).any():
-            near_m = float(np.hypot(*surface_m[lost].T).min())
+        if len(estimates) != 1 or loop.field.mover is not None:
+            return
+        north_m, east_m, _ = loop.field.path.at(exposed_ns / NS).position_ned_m
+        range_m = np.hypot(surface_m[:, 0] - north_m, surface_m[:, 1] - east_m)
+        if (lost := self._world.lost(estimates[0], range_m)).any():
+            near_m = float(range_m[lost].min())
             self._note(loop, f"{np.count_nonzero(lost)} places of surfaces from {near_m:.2f} m are lost in the world")
 
     def judge_time(self, loop: FaultLoop, values: list[int], clear_cm: int) -> None:

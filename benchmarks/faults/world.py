@@ -19,6 +19,8 @@ EVERY = 8
 """Of so many results in the world one is judged."""
 HELD_M, LOST_M = 0.5, 1.5
 """A plane within HELD_M of a place stands for it; none within LOST_M afterwards: the world has lost it."""
+EXACT_M = 12.0
+"""Range from which LOST_M grows. At 14 m, near the end of the range, the plane of a wall moved from 0.2 to 1.5 m before it."""
 PARAMS = WorldParams(most_planes=4096, most_free_blocks=512)
 
 Floats = NDArray[np.float64]
@@ -57,11 +59,13 @@ class WorldWatch:
         assert self.space is not None
         return np.asarray(self.space.points(points_m) == Occupancy.FREE)
 
-    def lost(self, surface_m: Floats) -> Mask:
-        """Returns which places (N, 3) on surfaces, always the same ones, the present section has lost since it held them."""
+    def lost(self, surface_m: Floats, range_m: Floats) -> Mask:
+        """Returns which places (N, 3) on surfaces, always the same ones, the present section has lost since it held them.
+
+        range_m: (N,) from the vehicle. The noise grows with its square, and with it what a plane may be moved towards the vehicle."""
         assert self.space is not None
         far_m = self.space.nearest(surface_m)[0]
         held = self._held if len(self._held) else np.zeros(len(surface_m), bool)
-        lost = held & (far_m > LOST_M)
+        lost = held & (far_m > LOST_M * np.maximum(1.0, (range_m / EXACT_M) ** 2))
         self._held = (held | (far_m < HELD_M)) & ~lost
         return np.asarray(lost)
