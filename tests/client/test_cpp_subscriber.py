@@ -286,10 +286,10 @@ int main() {
 """
 
 
-def test_nothing_is_free_in_a_stale_message(program: Path, tmp_path: Path) -> None:
-    """Free, behind a wall, open and not a position, first of a message that is not stale."""
+def compiled(program: Path, tmp_path: Path, text: str) -> Path:
+    """A program of this text with the library of `program`."""
     source, binary = tmp_path / "message.cpp", tmp_path / "message"
-    source.write_text(OCCUPANCY_OF_MESSAGES)
+    source.write_text(text)
     libraries = subprocess.run(
         ["pkg-config", "--cflags", "--libs", "protobuf", "libzmq"], capture_output=True, text=True, check=True
     )
@@ -297,6 +297,34 @@ def test_nothing_is_free_in_a_stale_message(program: Path, tmp_path: Path) -> No
     command = ["c++", "-std=c++17", source, f"-I{include}", f"-I{build}", build / "libosape_client.a", "-o", binary]
     done = subprocess.run([*command, *libraries.stdout.split()], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
+    return binary
+
+
+WAIT_WITHOUT_END = """
+#include <iostream>
+#include "osape_client/subscriber.h"
+int main(int, char** argv) {
+  osape_client::Subscriber subscriber(argv[1]);
+  std::cout << (subscriber.wait(std::chrono::milliseconds::max()) ? "message" : "none");
+}
+"""
+
+
+def test_it_can_wait_without_an_end(program: Path, tmp_path: Path, publisher: zmq.Socket[bytes]) -> None:
+    """The end of the wait overflowed: it returned at once."""
+    binary = compiled(program, tmp_path, WAIT_WITHOUT_END)
+    address = publisher.getsockopt_string(zmq.LAST_ENDPOINT)
+    with subprocess.Popen([binary, address], stdout=subprocess.PIPE, text=True) as process:
+        assert publisher.poll(60_000), "it did not subscribe"
+        publisher.recv()
+        time.sleep(0.5)
+        publisher.send(frame(publication=pb.Publication()).SerializeToString())
+        assert process.communicate(timeout=60)[0] == "message"
+
+
+def test_nothing_is_free_in_a_stale_message(program: Path, tmp_path: Path) -> None:
+    """Free, behind a wall, open and not a position, first of a message that is not stale."""
+    binary = compiled(program, tmp_path, OCCUPANCY_OF_MESSAGES)
     message = frame(stats=pb.FrameStats(planes=2))
     message.transform.SetInParent()
     message.free.CopyFrom(
@@ -330,9 +358,32 @@ DAMAGED_PRISMS: dict[str, dict[str, Any]] = {
 }
 
 
+BEYOND_ALL_MEASURE = {
+    "planes.corners_m": 1e30,
+    "planes.margin_m": 1e10,
+    "free.free_from_m": -1e38,
+    "free.free_to_m": 1e38,
+    "free.layer_edges_m": -1e38,
+    "ground.height_m": 1e300,
+    "ground.slope_y": -1e300,
+    "ground.noise_per_m": 1e300,
+    "ground.tolerance_m": 1e300,
+    "ground.seen_to_m": 1e38,
+}
+
+
 def _damage(message: pb.PrismsFrame, part: str) -> None:
     """Damages this part of a message."""
-    if part == "cause":
+    if part in BEYOND_ALL_MEASURE:
+        of, name = part.split(".")
+        of, value = getattr(message, of), BEYOND_ALL_MEASURE[part]
+        if isinstance(getattr(of, name), float):
+            setattr(of, name, value)
+        else:
+            getattr(of, name)[0] = value
+    elif part == "more than one turn":
+        message.free.azimuth_edges_rad[-1] = message.free.azimuth_edges_rad[0] + 6.3
+    elif part == "cause":
         message.cause = pb.CAUSE_MOUNT_ERROR
     elif part == "frame":
         message.frame = "another"
@@ -342,8 +393,6 @@ def _damage(message: pb.PrismsFrame, part: str) -> None:
         message.transform.translation_m.z = float("nan")
     elif part == "place beyond all measure":
         message.transform.translation_m.z = 1e10
-    elif part == "plane beyond all measure":
-        message.planes.corners_m[0] = 1e30
     elif part == "large support_px":
         message.planes.support_px[0] = 2**31
     elif part.startswith("prism"):
@@ -373,8 +422,9 @@ def _damage(message: pb.PrismsFrame, part: str) -> None:
         "free",
         "place",
         "place beyond all measure",
-        "plane beyond all measure",
+        "more than one turn",
         "large support_px",
+        *BEYOND_ALL_MEASURE,
         *DAMAGED_PRISMS,
     ],
 )
@@ -404,9 +454,9 @@ def test_space_above_a_damaged_ground_is_unknown(program: Path, tmp_path: Path, 
     assert set(done.stdout.split()) == {str(int(Occupancy.UNKNOWN))}
 
 
-@pytest.mark.parametrize("slope", [1e300, -1e300])
+@pytest.mark.parametrize("slope", [1e9, -1e9, 1e300])
 def test_over_a_ground_of_any_slope_both_give_an_answer(program: Path, tmp_path: Path, slope: float) -> None:
-    """Python raised OverflowError."""
+    """Python raised OverflowError; a slope beyond all measure is of a damaged message."""
     message = over_ground(np.random.default_rng(1), (0.0, 0.0, 0.0))
     message.ground.slope_x = slope
     file = tmp_path / "frame"

@@ -200,6 +200,9 @@ def test_an_obstacle_that_is_not_finite_is_refused(value: float) -> None:
         {"age_s": np.nan},
         {"velocity_m_s": (np.nan, 0.0)},
         {"velocity_m_s": (0.0, np.inf)},
+        {"velocity_m_s": (1e300, 0.0)},
+        {"margin_m": 1e300},
+        {"age_s": 1e300},
     ],
 )
 def test_a_moving_obstacle_that_would_touch_nothing_is_refused(changes: dict[str, Any]) -> None:

@@ -256,6 +256,14 @@ def test_a_radius_that_is_none_is_refused(radius: float) -> None:
             space.segments([[5, 0, 0]], [[6, 0, 0]], radius)
 
 
+@pytest.mark.parametrize("radius", [1e20, 1e39, 1e300])
+@pytest.mark.filterwarnings("error")
+def test_a_ball_of_any_size_touches_without_a_warning(radius: float) -> None:
+    space = Space([PlacedModel(model((5.0, -1.0, 5.0, 1.0, -1.0, 1.0)), HERE)])
+    assert space.points([[0, 0, 0]], radius).tolist() == [Occupancy.OCCUPIED]
+    assert space.segments([[0, 0, 0]], [[1e9, 0, 0]], radius).tolist() == [Occupancy.OCCUPIED]
+
+
 @pytest.mark.parametrize("far", [2e5, 1e9, 1e300])
 def test_a_way_far_beyond_what_is_known_is_not_free(far: float) -> None:
     """Its chain of balls is never made: 1e9 m would take 10,000,000,000 of them."""

@@ -20,6 +20,7 @@ constexpr auto kSilence = std::chrono::seconds(5);
 // noticed.
 constexpr double kClockDrift = 1e-3;
 constexpr double kMostLateS = 1e9;  // longer than any; its nanoseconds fit into 64 bits
+constexpr std::chrono::milliseconds kLongestWait = std::chrono::hours(24 * 365);  // the end of a longer one does not fit
 
 double seconds(Clock::duration duration) { return std::chrono::duration<double>(duration).count(); }
 
@@ -113,7 +114,7 @@ Subscriber::Subscriber(const std::string& address, double timeout_s)
 Subscriber::~Subscriber() = default;
 
 const Message* Subscriber::wait(std::chrono::milliseconds timeout) {
-  const auto end = Clock::now() + timeout;
+  const auto end = Clock::now() + std::clamp(timeout, std::chrono::milliseconds(0), kLongestWait);
   do {
     const auto left = std::chrono::duration_cast<std::chrono::milliseconds>(end - Clock::now());
     if (receive(std::max(left, std::chrono::milliseconds(0)))) return &*newest_;

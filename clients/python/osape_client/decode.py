@@ -18,6 +18,8 @@ from .proto import osape_v1_pb2 as pb
 DEFAULT_GROUND_TOLERANCE_M: Final = 0.6
 """Not tuning: tolerance of a ground whose message lacks one. It is the default `min_obstacle_height_m` of the service, the
 most that the ground's noise reaches up to where free space above it is judged at all (`Ground.blind_beyond_m`)."""
+MOST_TURN_RAD: Final = math.tau + 1e-5
+"""Not tuning: directions of a profile are at most one turn, and the rounding of its edges to float32."""
 
 
 def cause_code(number: int) -> str:
@@ -54,12 +56,12 @@ def model_from_message(message: pb.PrismsFrame) -> CameraModel | None:
 
 
 def _check_planes(planes: pb.Planes) -> None:
-    """Raises ValueError where a plane is not of positions, its margin is not a finite number, or the margin is negative: such a
-    plane would touch nothing, and the space that it occupies would not be occupied."""
+    """Raises ValueError where a plane is not of positions, or its margin is not 0..MOST_M: such a plane would touch nothing, and
+    the space that it occupies would not be occupied."""
     if not (np.abs(planes.corners_m) <= MOST_M).all():
         raise ValueError(f"planes: corners_m is not finite or beyond {MOST_M:g} m; is the message damaged?")
-    if not all(0.0 <= margin_m < math.inf for margin_m in planes.margin_m):
-        raise ValueError("planes: margin_m is not a finite number of 0 or more; is the message damaged?")
+    if not all(0.0 <= margin_m <= MOST_M for margin_m in planes.margin_m):
+        raise ValueError(f"planes: margin_m is not within 0..{MOST_M:g} m; is the message damaged?")
 
 
 def prism_from_message(message: pb.Prism) -> Prism:
@@ -81,12 +83,15 @@ def prism_from_message(message: pb.Prism) -> Prism:
 
 
 def free_from_message(message: pb.FreeProfile) -> FreeProfile:
-    """The free-range profile of a message. Raises ValueError where tables do not fit, a range is not finite, or
-    edges are not finite and increasing."""
+    """The free-range profile of a message. Raises ValueError where tables do not fit, a range or an edge is not finite or beyond
+    MOST_M, edges are not increasing, or the directions are more than one turn."""
+    azimuth_edges_rad = _rising(message.azimuth_edges_rad, "azimuth_edges_rad")
+    if len(azimuth_edges_rad) and float(azimuth_edges_rad[-1]) - float(azimuth_edges_rad[0]) > MOST_TURN_RAD:
+        raise ValueError("azimuth_edges_rad: more than one turn; is the message damaged?")
     layers = max(0, len(message.layer_edges_m) - 1)
     directions = max(0, len(message.azimuth_edges_rad) - 1)
     return FreeProfile(
-        azimuth_edges_rad=_rising(message.azimuth_edges_rad, "azimuth_edges_rad"),
+        azimuth_edges_rad=azimuth_edges_rad,
         layer_edges_m=_rising(message.layer_edges_m, "layer_edges_m"),
         free_from_m=_table(_finite(message.free_from_m, "free_from_m"), directions, layers, "free_from_m"),
         free_to_m=_table(_finite(message.free_to_m, "free_to_m"), directions, layers, "free_to_m"),
@@ -106,18 +111,19 @@ def _open_ranges(message: pb.FreeProfile, directions: int, layers: int) -> dict[
 
 
 def _finite(values: Iterable[float], name: str) -> NDArray[np.float32]:
-    """Ranges of a profile as (N,) float32. Raises ValueError where one is not finite: it would be free without an end."""
+    """Ranges of a profile as (N,) float32. Raises ValueError where one is not finite or beyond MOST_M: it would be free without an
+    end."""
     ranges_m = np.fromiter(values, dtype=np.float32)
-    if not np.isfinite(ranges_m).all():
-        raise ValueError(f"{name} is not finite; is the message damaged?")
+    if not (np.abs(ranges_m) <= MOST_M).all():
+        raise ValueError(f"{name} is not finite or beyond {MOST_M:g} m; is the message damaged?")
     return ranges_m
 
 
 def _rising(values: Iterable[float], name: str) -> NDArray[np.float32]:
-    """Edges of a profile as (N,) float32. Raises ValueError where they are not finite and increasing: a search among them would
-    find a wrong direction or layer."""
+    """Edges of a profile as (N,) float32. Raises ValueError where they are not finite, within MOST_M and increasing: a search among
+    them would find a wrong direction or layer."""
     edges = np.fromiter(values, dtype=np.float32)
-    if not (np.isfinite(edges).all() and (np.diff(edges) >= 0.0).all()):
+    if not ((np.abs(edges) <= MOST_M).all() and (np.diff(edges) >= 0.0).all()):
         raise ValueError(f"{name}: expected finite increasing numbers; is the message damaged?")
     return edges
 
@@ -125,7 +131,8 @@ def _rising(values: Iterable[float], name: str) -> NDArray[np.float32]:
 def ground_from_message(message: pb.Ground) -> Ground:
     """The ground of a message. One of an older version lacks the tolerance and gets DEFAULT_GROUND_TOLERANCE_M.
 
-    Raises ValueError where a ground that was found has a number that is not finite or a margin that is negative."""
+    Raises ValueError where a ground that was found has a number that is not finite or beyond MOST_M, or a margin that is
+    negative."""
     old = message.seen and not message.HasField("tolerance_m")
     tolerance_m = DEFAULT_GROUND_TOLERANCE_M if old else message.tolerance_m
     if message.seen:
@@ -147,13 +154,11 @@ def ground_from_message(message: pb.Ground) -> Ground:
 def _check_ground(message: pb.Ground, tolerance_m: float) -> None:
     """Raises ValueError for a ground above which free space cannot be judged."""
     for name in ("height_m", "slope_x", "slope_y", "noise_per_m", "seen_from_m", "seen_to_m"):
-        if not np.isfinite(getattr(message, name)).all():
-            raise ValueError(f"ground: {name} is not finite; is the message damaged?")
+        if not (np.abs(getattr(message, name)) <= MOST_M).all():
+            raise ValueError(f"ground: {name} is not finite or beyond {MOST_M:g}; is the message damaged?")
     for name, margin in (("tolerance_m", tolerance_m), ("noise_per_m", message.noise_per_m)):
-        if not 0.0 <= margin < math.inf:
-            raise ValueError(
-                f"ground: {name} = {margin:g}, expected a finite number of 0 or more; is the message damaged?"
-            )
+        if not 0.0 <= margin <= MOST_M:
+            raise ValueError(f"ground: {name} = {margin:g}, expected 0..{MOST_M:g}; is the message damaged?")
 
 
 def _rows(values: Iterable[float], columns: int, name: str) -> NDArray[np.float32]:

@@ -9,7 +9,6 @@ nothing that is occupied becomes anything else."""
 from __future__ import annotations
 
 import copy
-import math
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -79,7 +78,7 @@ class NeighbourObstacles:
         }
         if len(lengths) != 1:
             raise ValueError(f"obstacles of neighbours: columns of {sorted(lengths)} rows; is the message damaged?")
-        if not (np.abs(self.planes) <= MOST_M).all():
+        if not ((np.abs(self.planes) <= MOST_M).all() and (np.abs(self.margin_m) <= MOST_M).all()):
             raise ValueError(f"obstacles of neighbours: not finite or beyond {MOST_M:g} m; is the message damaged?")
         self._rectangles = _finite(self.planes.astype(np.float64), self.margin_m.astype(np.float64))
         for mover in self.movers:
@@ -123,12 +122,10 @@ def _finite(planes: NDArray[np.float64], margin_m: NDArray[np.float64]) -> Recta
 
 
 def _check_mover(mover: NeighbourMover) -> None:
-    """Raises ValueError where its size or age is negative, a number that moves it is not finite, or its place or size is beyond
-    MOST_M."""
-    if not all(abs(v) <= MOST_M for v in (*mover.centre_m, *mover.half_size_m)):
-        raise ValueError(f"moving obstacles of neighbours: not finite or beyond {MOST_M:g} m; is the message damaged?")
-    if not all(math.isfinite(v) for v in (*mover.velocity_m_s, mover.age_s)):
-        raise ValueError("moving obstacles of neighbours: numbers that are not finite; is the message damaged?")
+    """Raises ValueError where its size, margin or age is negative, or a number is not finite or beyond MOST_M."""
+    numbers = (*mover.centre_m, *mover.half_size_m, *mover.velocity_m_s, mover.margin_m, mover.age_s)
+    if not all(abs(v) <= MOST_M for v in numbers):
+        raise ValueError(f"moving obstacles of neighbours: not finite or beyond {MOST_M:g}; is the message damaged?")
     if min(*mover.half_size_m, mover.margin_m, mover.age_s) < 0.0:
         raise ValueError("moving obstacles of neighbours: a negative size, margin or age; is the message damaged?")
 

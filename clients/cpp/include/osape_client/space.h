@@ -24,6 +24,7 @@ struct Point {
 };
 
 constexpr double kTurn = 6.283185307179586;
+constexpr double kMostTurn = kTurn + 1e-5;  // of the directions of a profile, whose edges are rounded to float
 constexpr double kDefaultGroundToleranceM = 0.6;  // for messages of versions without a tolerance
 
 // No position is farther from the origin along any axis, as in Python: such a number is handled like one that is not finite.
@@ -41,9 +42,12 @@ inline bool finite(const google::protobuf::RepeatedField<float>& values) {
   return std::all_of(values.begin(), values.end(), [](float value) { return std::isfinite(value); });
 }
 
-inline bool finite_and_increasing(const google::protobuf::RepeatedField<float>& edges) {
-  return finite(edges) && std::is_sorted(edges.begin(), edges.end());
+inline bool are_increasing(const google::protobuf::RepeatedField<float>& edges) {
+  return are_positions(edges) && std::is_sorted(edges.begin(), edges.end());
 }
+
+// Whether a number can be a margin.
+inline bool is_margin(double value) { return value >= 0.0 && value <= kMostM; }
 
 constexpr std::uint32_t kMostSupportPx = 0x7fffffff;
 
@@ -53,7 +57,7 @@ inline bool planes_fit(const osape::v1::Planes& planes) {
   if (planes.corners_m_size() != 6 * count || !are_positions(planes.corners_m())) return false;
   if (planes.support_px_size() != count || planes.flags_size() != count || planes.cluster_size() != count) return false;
   for (int i = 0; i < count; ++i) {
-    if (!std::isfinite(planes.margin_m(i)) || planes.margin_m(i) < 0.0f) return false;
+    if (!is_margin(planes.margin_m(i))) return false;
     if (planes.support_px(i) > kMostSupportPx) return false;
     if (!(planes.corners_m(6 * i + 4) < planes.corners_m(6 * i + 5))) return false;  // z points down
   }
@@ -69,7 +73,8 @@ inline bool prism_fits(const osape::v1::Prism& prism) {
   return layer && std::isfinite(prism.margin_m()) && prism.margin_m() >= 0.0f;
 }
 
-// Whether the tables of a profile have an entry per direction and layer, and its numbers are finite and its edges increasing.
+// Whether the tables of a profile have an entry per direction and layer, no number is beyond kMostM, and its edges increase and are
+// at most one turn.
 inline bool profile_fits(const osape::v1::FreeProfile& free) {
   if (free.azimuth_edges_rad().empty() || free.layer_edges_m().empty()) return false;  // each message has some
   const auto directions = static_cast<std::size_t>(free.azimuth_edges_rad_size() - 1);
@@ -78,8 +83,10 @@ inline bool profile_fits(const osape::v1::FreeProfile& free) {
   if (from != size || to != size || free.end().size() != size) return false;
   const bool presumes = !free.open_from_dm().empty() || !free.open_to_dm().empty();
   if (presumes && (free.open_from_dm().size() != size || free.open_to_dm().size() != size)) return false;
-  if (!finite(free.free_from_m()) || !finite(free.free_to_m())) return false;
-  return finite_and_increasing(free.azimuth_edges_rad()) && finite_and_increasing(free.layer_edges_m());
+  if (!are_positions(free.free_from_m()) || !are_positions(free.free_to_m())) return false;
+  const auto& azimuths = free.azimuth_edges_rad();
+  if (!are_increasing(azimuths) || !are_increasing(free.layer_edges_m())) return false;
+  return static_cast<double>(*azimuths.rbegin()) - *azimuths.begin() <= kMostTurn;
 }
 
 // Whether a frame was processed and its message is whole: of a message cut short the position of the camera may be missing. A cause
@@ -97,10 +104,9 @@ inline bool numbers_fit(const osape::v1::PrismsFrame& frame) {
   const auto& camera = frame.transform().translation_m();
   if (!is_position({camera.x(), camera.y(), camera.z()})) return false;
   if (!g.seen()) return true;
-  bool margins = true;
-  for (const double margin : {g.noise_per_m(), g.tolerance_m()}) margins = margins && std::isfinite(margin) && margin >= 0.0;
-  const bool plane = std::isfinite(g.height_m()) && std::isfinite(g.slope_x()) && std::isfinite(g.slope_y());
-  return margins && plane && finite(g.seen_from_m()) && finite(g.seen_to_m());
+  const bool margins = is_margin(g.noise_per_m()) && is_margin(g.tolerance_m());
+  const bool plane = is_position({g.slope_x(), g.slope_y(), g.height_m()});
+  return margins && plane && are_positions(g.seen_from_m()) && are_positions(g.seen_to_m());
 }
 
 // Horizontal range from the camera.

@@ -78,7 +78,7 @@ class Subscriber {
   Subscriber(const Subscriber&) = delete;
   Subscriber& operator=(const Subscriber&) = delete;
 
-  // The next message; nullptr when none comes within the timeout. Valid until the next call.
+  // The next message; nullptr when none comes within the timeout, a year at most. Valid until the next call.
   const Message* wait(std::chrono::milliseconds timeout);
   // The newest message without waiting; nullptr before the first. Check stale(): it may be an old one.
   const Message* latest();

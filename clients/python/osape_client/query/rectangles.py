@@ -65,8 +65,9 @@ class Rectangles:
 
     def _near(self, a: Floats, b: Floats, radius_m: float) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
         """(query, rectangle) of the pairs whose boxes come as near as the radius; rounding to float32 loses none."""
-        low = np.nextafter((np.minimum(a, b) - radius_m).astype(np.float32), np.float32(-np.inf))
-        high = np.nextafter((np.maximum(a, b) + radius_m).astype(np.float32), np.float32(np.inf))
+        with np.errstate(over="ignore"):  # of a radius beyond float32 the box is infinite
+            low = np.nextafter((np.minimum(a, b) - radius_m).astype(np.float32), np.float32(-np.inf))
+            high = np.nextafter((np.maximum(a, b) + radius_m).astype(np.float32), np.float32(np.inf))
         near = (low[:, None, 0] <= self.high[None, :, 0]) & (high[:, None, 0] >= self.low[None, :, 0])
         for axis in (1, 2):
             near &= (low[:, None, axis] <= self.high[None, :, axis]) & (high[:, None, axis] >= self.low[None, :, axis])
