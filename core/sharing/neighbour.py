@@ -124,8 +124,10 @@ class Neighbour:
             return "old_stream"
         if self._changes_frame(packet) and len(self.former) >= MOST_FORMER:
             return "too_many_frames"
-        if silent or header.stream != self.stream:
+        if silent:
             return ""
+        if header.stream != self.stream:
+            return "" if self._starts_after(header, arrival_ns, params) else "ahead"
         if not self._continues(header, arrival_ns, params):
             return "replayed" if header.sent_ms <= self.sent_ms else "ahead"
         return "delayed" if self._delay_s(header, arrival_ns) > params.max_delay_s else ""
@@ -202,6 +204,10 @@ class Neighbour:
     def _moves_origin(self, state: VehicleState) -> bool:
         known = self.present.state
         return known is not None and _origin(known.frame) != _origin(state.frame)
+
+    def _starts_after(self, header: Header, arrival_ns: int, params: SharingParams) -> bool:
+        """True if another stream begins after the newest packet was sent: one with a wrong number does not."""
+        return arrival_ns - header.sent_ms * 1e6 >= self.received_ns - params.max_delay_s * NS
 
     def _continues(self, header: Header, arrival_ns: int, params: SharingParams) -> bool:
         """True if a packet of the same stream is later than those before, and not ahead of its arrival."""

@@ -13,7 +13,7 @@ from core.sharing.obstacles import MoverKind, PlacementState, SharedObstacles
 from core.sharing.packet_codec import movers_packet, planes_packet, state_packet
 from core.sharing.records import SharedPlanes
 
-from .neighbours import FRAME, OWN, filled_map, header, mover, state, state_at, wall_packet
+from .neighbours import FRAME, OWN, STREAM, filled_map, header, mover, state, state_at, wall_packet
 
 ORIGIN = (0.0, 0.0, 0.0)
 
@@ -82,6 +82,16 @@ def test_a_restart_in_the_same_stream_is_known_by_its_time(silent_s: int) -> Non
     got = found.obstacles(OWN, (begin_s + 1) * NS)
     assert dict(zip(got.ids.tolist(), got.age_s.tolist(), strict=True))[5] <= 1.3
     assert obstacle_senders(got) == []
+
+
+def test_a_packet_with_a_wrong_stream_does_not_silence_its_sender() -> None:
+    """All later packets were refused for ten seconds. A start is later than what was sent before it."""
+    found = filled_map()
+    assert found.receive(state_at(60_000), 61 * NS) == ""
+    assert found.receive(state_at(60_100, stream=STREAM + (1 << 20)), 61 * NS + NS // 10) == "ahead"
+    assert found.receive(state_at(60_200), 61 * NS + NS // 5) == ""
+    assert found.receive(state_at(6000, stream=STREAM + 60), 65 * NS) == "ahead"
+    assert found.receive(state_at(5000, stream=STREAM + 60), 65 * NS) == "", "the packet before may have been delayed"
 
 
 def test_a_packet_that_is_late_after_a_silence_keeps_its_age() -> None:
