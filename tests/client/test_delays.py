@@ -183,8 +183,8 @@ def test_a_planner_that_always_finds_a_message_knows_when_it_can_have_come(netwo
 def arrivals(monkeypatch: pytest.MonkeyPatch, delays: Delays, sent_s: float, now_s: float, **more: int) -> float:
     """Seconds from the counted arrival of a message to now."""
     monkeypatch.setattr("osape_client.receive_time.clock_ns", lambda: round(now_s * S))
-    stamp = pb.Publication(boot_id="far", age_ns=more.get("age_ns", 0))
-    t_ns = round(sent_s * S) - stamp.age_ns
+    stamp = pb.Publication(boot_id="far", age_ns=more.get("age_ns", 0), suspended_ns=more.get("suspended_ns", 0))
+    t_ns = round(sent_s * S) - stamp.age_ns - stamp.suspended_ns
     return (round(now_s * S) - delays.arrival_ns(stamp, t_ns, round(now_s * S) - more.get("waited_ns", 0))) / S
 
 
@@ -198,10 +198,27 @@ def test_the_fastest_message_is_the_measure(monkeypatch: pytest.MonkeyPatch) -> 
     assert arrivals(monkeypatch, delays, 504.5, 14.0, waited_ns=S) == 1.0, "it may have waited in the socket"
 
 
+def test_a_service_that_starts_again_after_a_suspension_sends_nothing_old(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its clock stood still meanwhile."""
+    delays = Delays()
+    assert arrivals(monkeypatch, delays, 500.0, 10.0) == 0.0
+    assert arrivals(monkeypatch, delays, 600.0, 110.0, suspended_ns=90 * S) == 0.0
+    assert arrivals(monkeypatch, delays, 600.0, 111.0, suspended_ns=90 * S) == pytest.approx(1.0, abs=0.01)
+
+
 def test_clocks_that_drift_apart_make_nothing_old(monkeypatch: pytest.MonkeyPatch) -> None:
     delays = Delays()
     for second in range(0, 36_000, 10):
         assert arrivals(monkeypatch, delays, second * (1.0 - 0.9 * CLOCK_DRIFT), 5.0 + second) == 0.0
+
+
+def test_a_delay_that_lasts_is_forgotten_as_fast_as_clocks_may_drift(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The page on planner clients states how long 0.4 s count."""
+    delays = Delays()
+    assert arrivals(monkeypatch, delays, 500.0, 10.0) == 0.0
+    late_s = [arrivals(monkeypatch, delays, 500.0 + second - 0.4, 10.0 + second) for second in range(1, 600)]
+    assert all(late_s[:390])
+    assert not any(late_s[420:])
 
 
 def test_without_an_exposure_nothing_is_compared() -> None:

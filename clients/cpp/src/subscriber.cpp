@@ -17,7 +17,7 @@ constexpr std::uint32_t kSchemaVersion = 1;
 // service, or sends a message that is too large; the service may have taken its place since.
 constexpr auto kSilence = std::chrono::seconds(5);
 // Largest difference in rate of the clocks of two computers, each corrected by up to 500 ppm. A delay that grows more slowly is not
-// noticed.
+// noticed, and one that lasts counts for less by as much.
 constexpr double kClockDrift = 1e-3;
 constexpr double kMostLateS = 1e9;  // longer than any; its nanoseconds fit into 64 bits
 constexpr std::chrono::milliseconds kLongestWait = std::chrono::hours(24 * 365);  // the end of a longer one does not fit

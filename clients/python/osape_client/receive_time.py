@@ -21,7 +21,7 @@ SILENCE_NS = 5_000 * MS
 service, refuses the keys, or sends a message that is too large; the service may have taken its place since."""
 CLOCK_DRIFT = 1e-3
 """Not tuning: largest difference in rate of the clocks of two machines, each corrected by up to 500 ppm. A delay that grows more
-slowly is not noticed."""
+slowly is not noticed, and one that lasts counts for less by as much."""
 
 
 class TimedSocket:

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
-_MOST_PAIRS = 1 << 20
-"""Not tuning: pairs of a way and a rectangle that are looked at together: about 600 MB of scratch memory where all are near."""
+_MOST_PAIRS = 1 << 18
+"""Not tuning: pairs of a way and a rectangle that are looked at together: about 150 MB of scratch memory where all are near."""
 _TINY = 1e-12
 """Not tuning: no way and no side is shorter, squared, so that nothing is divided by 0."""
 
