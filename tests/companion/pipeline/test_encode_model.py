@@ -36,7 +36,7 @@ def model(planes: int = 0, prisms: Sequence[Prism] = (), directions: int = 1, la
         cluster=np.resize(np.append(some, [-1, -2147483648]).astype(np.int32), planes),
         prisms=prism_table(prisms),
         free=FreeProfile(
-            azimuth_edges_rad=np.sort(floats(directions + 1)),
+            azimuth_edges_rad=np.sort(rng.uniform(-3.0, 3.0, directions + 1)).astype(np.float32),
             layer_edges_m=np.sort(floats(layers + 1)),
             free_from_m=floats(directions, layers),
             free_to_m=floats(directions, layers),
