@@ -180,6 +180,20 @@ def test_a_planner_that_always_finds_a_message_knows_when_it_can_have_come(netwo
             before_ns = now_ns
 
 
+def test_after_a_wait_without_a_message_the_next_one_is_not_older_than_the_wait(network: Network) -> None:
+    """One that came between two waits counted as old as the first of them where that ended late, and was stale after 0.4 s."""
+    with Subscriber(network.address) as client:
+        assert until(lambda: (network.deliver(a_frame()), client.wait(0.05))[1] is not None, 60.0)
+        assert until(lambda: client.wait(0.05) is None, 60.0)
+        begun_ns = clock_ns()
+        assert client._socket._next(500) is None
+        network.deliver(a_frame())
+        assert client._socket.socket.poll(60_000)
+        received = client.wait(60.0)
+        assert received is not None
+        assert received.received_ns >= begun_ns + S // 2
+
+
 def arrivals(monkeypatch: pytest.MonkeyPatch, delays: Delays, sent_s: float, now_s: float, **more: int) -> float:
     """Seconds from the counted arrival of a message to now."""
     monkeypatch.setattr("osape_client.receive_time.clock_ns", lambda: round(now_s * S))

@@ -133,6 +133,7 @@ bool Subscriber::receive(std::chrono::milliseconds timeout) {
   auto received = empty_;  // a message that is there now arrived after the socket was last seen empty
   if (is_empty()) {
     if (!socket_->readable(std::min<std::chrono::milliseconds>(timeout, kSilence))) {
+      is_empty();  // what comes next came after this wait
       connect_after_silence();
       return false;
     }

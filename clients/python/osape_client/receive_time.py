@@ -55,7 +55,10 @@ class TimedSocket:
         """As `take`, without connecting again."""
         arrived_ns = self._empty_ns
         if self._is_empty():
-            if timeout_ms <= 0 or not self.socket.poll(timeout_ms):
+            if timeout_ms <= 0:
+                return None
+            if not self.socket.poll(timeout_ms):
+                self._is_empty()  # what comes next came after this wait
                 return None
             arrived_ns = clock_ns()  # it arrived during the wait
         data = self.socket.recv()
