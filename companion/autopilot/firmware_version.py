@@ -1,4 +1,5 @@
-"""Firmware version of the autopilot (AUTOPILOT_VERSION). PX4's version decides which MPC_POS_MODE brakes."""
+"""Firmware version of the autopilot (AUTOPILOT_VERSION). PX4's version decides which MPC_POS_MODE brakes, ArduCopter's whether
+FOLLOW does."""
 
 from __future__ import annotations
 
@@ -27,6 +28,8 @@ class FirmwareVersion:
 
 PX4_ACCELERATION_MODE: Final = FirmwareVersion(1, 16)
 """From this version on PX4 brakes only with MPC_POS_MODE 4; before it, only with 0 or 3."""
+COPTER_FOLLOWS_POSITIONS: Final = FirmwareVersion(4, 7)
+"""From this version on ArduCopter's FOLLOW gives positions to the position controller, which simple avoidance does not limit."""
 
 
 def version_of(message: Any) -> FirmwareVersion | None:

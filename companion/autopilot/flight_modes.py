@@ -12,7 +12,7 @@ from enum import StrEnum
 from drivers.mavlink.commands import PX4_AUTO, px4_main_and_sub
 from drivers.mavlink.session_types import ARDUPILOT, PX4, Vehicle
 
-from .firmware_version import PX4_ACCELERATION_MODE
+from .firmware_version import COPTER_FOLLOWS_POSITIONS, PX4_ACCELERATION_MODE
 from .parameter_fault import AutopilotFacts
 from .px4_advice import position_mode_fault
 
@@ -24,7 +24,7 @@ class Effect(StrEnum):
     STANDS = "does not move"
     LEANS = "leans away from near obstacles, the pilot can override it"
     STICK = "brakes for the pilot's stick alone"
-    TARGETS = "limits level velocity targets, not position targets"
+    TARGETS = "limits level velocity targets, not those of position, acceleration or attitude"
     LEVEL = "brakes in level flight alone"
     PLANS = "plans around obstacles, and when blind may plan around the artificial wall into unobserved space"
     WRONG_MODE = "does not brake with this MPC_POS_MODE"
@@ -32,19 +32,21 @@ class Effect(StrEnum):
     UNKNOWN = "is not known to brake"
 
 
+_FOLLOW = 23
 _COPTER = {
     0: ("STABILIZE", Effect.NOTHING), 1: ("ACRO", Effect.NOTHING), 2: ("ALT_HOLD", Effect.LEANS),
     3: ("AUTO", Effect.NOTHING), 4: ("GUIDED", Effect.TARGETS), 5: ("LOITER", Effect.BRAKES), 6: ("RTL", Effect.NOTHING),
     7: ("CIRCLE", Effect.NOTHING), 9: ("LAND", Effect.NOTHING), 11: ("DRIFT", Effect.NOTHING),
     13: ("SPORT", Effect.NOTHING), 16: ("POSHOLD", Effect.NOTHING), 17: ("BRAKE", Effect.STANDS),
     20: ("GUIDED_NOGPS", Effect.NOTHING), 21: ("SMART_RTL", Effect.NOTHING), 22: ("FLOWHOLD", Effect.LEANS),
-    23: ("FOLLOW", Effect.LEVEL), 24: ("ZIGZAG", Effect.STICK), 27: ("AUTO_RTL", Effect.NOTHING),
+    _FOLLOW: ("FOLLOW", Effect.UNKNOWN), 24: ("ZIGZAG", Effect.STICK), 27: ("AUTO_RTL", Effect.NOTHING),
 }  # fmt: skip
 _COPTERS = frozenset({2, 3, 4, 13, 14, 15, 29, 35})
 """MAV_TYPE of ArduCopter and of PX4's multicopters: quadrotor to decarotor, and helicopter. Others do not brake as described here, and
 ArduPilot's numbers of modes mean other modes there."""
-_PLANNED = ("AUTO", "GUIDED", "RTL", "SMART_RTL", "AUTO_RTL")
-"""Modes that fly by the waypoint controller, in which a path planner (OA_TYPE) works."""
+_PLANNED = ("AUTO", "RTL", "SMART_RTL", "AUTO_RTL")
+"""Modes that fly by the waypoint controller, in which a path planner (OA_TYPE) works. GUIDED does so from 4.1 on only with bit 6 of
+GUID_OPTIONS, and only to position targets."""
 PX4_POSITION = 3
 _SLOW = 2
 _PX4 = {
@@ -78,6 +80,8 @@ def mode_of(vehicle: Vehicle, facts: AutopilotFacts) -> tuple[str, Effect]:
         return name, effect if copter else Effect.UNKNOWN
     if vehicle.autopilot == ARDUPILOT and copter:
         name, effect = _COPTER.get(number, (f"mode {number}", Effect.UNKNOWN))
+        if number == _FOLLOW and facts.version is not None:
+            effect = Effect.NOTHING if facts.version >= COPTER_FOLLOWS_POSITIONS else Effect.LEVEL
         if name in _PLANNED and facts.values.get("OA_TYPE", 0.0) > 0.0:
             effect = Effect.PLANS
         return name, effect
@@ -136,12 +140,15 @@ def mode_fault(vehicle: Vehicle, facts: AutopilotFacts) -> str:
     if effect is Effect.STICK:
         return f"{name} {effect}: on the legs that it flies by itself it flies on, also when blind; {where} stops"
     if effect is Effect.TARGETS:
-        unread = "" if "OA_TYPE" in facts.values else "; whether a path planner works (OA_TYPE) is not known"
+        planner = facts.values.get("OA_TYPE")
+        plans = "; whether a path planner works (OA_TYPE) is not known" if planner is None else ""
+        if planner:
+            plans = "; to position targets a path planner (OA_TYPE) may fly around the artificial wall"
         creeps = ""
         if facts.values.get("AVOID_ACCEL_MAX", 3.0) > 0.0:
             creeps = "; with fewer than 10 targets a second it may creep up to obstacles, unless AVOID_ACCEL_MAX = 0"
-        flies = "with position targets, and while it climbs or descends, it flies on, also when blind"
-        return f"{name} brakes level velocity targets alone: {flies}; {where} stops{unread}{creeps}"
+        flies = "with other targets, and while it climbs or descends, it flies on, also when blind"
+        return f"{name} brakes level velocity targets alone: {flies}; {where} stops{plans}{creeps}"
     if effect is Effect.LEVEL:
         return f"{name} {effect}: while it climbs or descends it flies on, also when blind; {where} stops"
     unread = "; or a path planner flies around: OA_TYPE is not known"

@@ -114,9 +114,32 @@ def test_velocities_with_a_vertical_part_are_not_said_to_be_limited() -> None:
     """AC_Avoid::limit_velocity_3D lays the margin along the velocity: tests/drivers/test_ardupilot_guided.py. LOITER leaves the
     vertical part out."""
     for name in ("GUIDED", "FOLLOW"):
-        text = mode_fault(vehicle("ArduPilot", COPTER[name]), AutopilotFacts(kind="ArduPilot"))
+        facts = AutopilotFacts(kind="ArduPilot", version=FirmwareVersion(4, 6))
+        text = mode_fault(vehicle("ArduPilot", COPTER[name]), facts)
         assert "while it climbs or descends" in text
         assert "also when blind" in text
+
+
+@pytest.mark.parametrize(
+    ("version", "effect"), [((4, 6, 3), Effect.LEVEL), ((4, 7), Effect.NOTHING), (None, Effect.UNKNOWN)]
+)
+def test_follow_does_not_brake_where_it_gives_positions_to_the_position_controller(
+    version: tuple[int, ...] | None, effect: Effect
+) -> None:
+    """ModeFollow::run of the development version of 4.7 calls input_pos_vel_accel_NE_m, and nothing of AC_Avoid."""
+    facts = AutopilotFacts(kind="ArduPilot", version=None if version is None else FirmwareVersion(*version))
+    copter = vehicle("ArduPilot", COPTER["FOLLOW"])
+    assert mode_of(copter, facts)[1] is effect
+    assert mode_fault(copter, facts).startswith(f"FOLLOW {effect}:")
+
+
+def test_a_path_planner_is_not_said_to_lead_guided_around_obstacles() -> None:
+    """ModeGuided::set_destination uses the waypoint controller only with bit 6 of GUID_OPTIONS, which is 0 as delivered."""
+    copter = vehicle("ArduPilot", COPTER["GUIDED"])
+    text = mode_fault(copter, AutopilotFacts(kind="ArduPilot", values={"OA_TYPE": 1.0}))
+    assert text.startswith("GUIDED brakes level velocity targets alone: with other targets, ")
+    assert "flies on, also when blind" in text
+    assert "may fly around the artificial wall" in text
 
 
 def test_the_legs_that_zigzag_flies_by_itself_do_not_brake() -> None:
@@ -129,7 +152,7 @@ def test_the_legs_that_zigzag_flies_by_itself_do_not_brake() -> None:
 def test_a_path_planner_and_one_that_may_be_there_are_reported(name: str) -> None:
     copter = vehicle("ArduPilot", COPTER[name])
     on, off, unread = (AutopilotFacts(kind="ArduPilot", values=v) for v in ({"OA_TYPE": 1.0}, {"OA_TYPE": 0.0}, {}))
-    assert mode_of(copter, on)[1] is Effect.PLANS
+    assert (mode_of(copter, on)[1] is Effect.PLANS) == (name != "GUIDED")
     assert "round the artificial wall" in mode_fault(copter, on)
     assert mode_of(copter, off)[1] is not Effect.PLANS
     assert "OA_TYPE is not known" in mode_fault(copter, unread).replace("(OA_TYPE) is", "OA_TYPE is")
