@@ -137,11 +137,10 @@ class GuardMachine:
         doubt = now.doubt or self._no_sight(now)
         if doubt:
             return self._doubts(doubt, now)
-        out: list[Output] = []
+        out = self._availability.restored()
         if self.memory.state is GuardState.UNAVAILABLE:
             limited = self.memory.limit_m_s > 0.0
             self._change(now, state=GuardState.LIMITED if limited else GuardState.WATCHING, cause="")
-            out += self._availability.restored()
         verdict = now.verdict
         assert verdict is not None
         out += self._availability.vehicle_answers(not now.silent)
@@ -189,8 +188,7 @@ class GuardMachine:
         """Handles a step in which no command may be sent. doubt: why, as text."""
         if self.memory.state is not GuardState.UNAVAILABLE or self.memory.cause != doubt:
             self._change(now, state=GuardState.UNAVAILABLE, cause=doubt)
-            self._availability.lost(now.now_ns)
-        return self._availability.still_lost(doubt, now.now_ns)
+        return self._availability.lost(doubt, now.now_ns)
 
     # ---- speed ------------------------------------------------------------------------------------------------------
 
@@ -255,14 +253,17 @@ class GuardMachine:
 
     def _not_taken_yet(self, vehicle: Vehicle, now: GuardInput) -> list[Output]:
         """Handles a step in which the vehicle is still in the watched mode: repeats the command or ends the stop."""
-        if now.doubt or watched_mode(vehicle.autopilot, vehicle.custom_mode, self.guard) is None:
+        if watched_mode(vehicle.autopilot, vehicle.custom_mode, self.guard) is None:
             return []
+        if now.doubt:
+            return self._availability.lost(now.doubt, now.now_ns)
+        out = self._availability.restored()
         if not self._still_needed(now):
-            return self._leave_when_free(vehicle, now)
+            return out + self._leave_when_free(vehicle, now)
         self._free_since_ns = None
         if self._attempt is not None and not self._attempt.is_over(vehicle, now.now_ns, self.memory.attempts):
-            return []
-        return [*self._try_to_stop(vehicle, now), *self._failure("guard: STOP NOT CONFIRMED, take over")]
+            return out
+        return [*out, *self._try_to_stop(vehicle, now), *self._failure("guard: STOP NOT CONFIRMED, take over")]
 
     def _still_needed(self, now: GuardInput) -> bool:
         """True if a stop without effect is repeated: unless the path is seen and the braking distance fits. Where unseen
@@ -361,6 +362,8 @@ class GuardMachine:
             blind_stop=old.blind_stop,
         )
         self.memory = replace(fresh, **changes)
+        if state is GuardState.INACTIVE:
+            self._availability.ended()
         self._limiter = SpeedLimiter(self.guard)
         self._attempt, self._brakes_until_ns, self._failure_announced = None, None, False
         self._free_since_ns, self._reason, self._motion = None, None, HoldMotion()

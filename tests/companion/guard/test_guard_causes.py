@@ -13,7 +13,7 @@ from companion.guard.states import (
     GuardState,
     StopCommand,
 )
-from drivers.mavlink.commands import COPTER_BRAKE
+from drivers.mavlink.commands import COPTER_BRAKE, COPTER_LOITER
 
 from ..guard_machine import (
     AUTO,
@@ -195,3 +195,40 @@ def test_nothing_is_stopped_before_anything_was_seen() -> None:
     out = f.step(30)
     assert commands(out) == []
     assert texts(out) == ["guard: off, nothing seen since take-off"]
+
+
+def test_that_no_command_is_sent_is_announced_although_the_cause_changes() -> None:
+    f = Flight()
+    f.step()
+    out = []
+    for cause in ("no heartbeat", "two clocks") * 3:
+        f.doubt = cause
+        out += f.step(10)
+    assert texts(out)[:1] == ["guard: off, no heartbeat"]
+    assert len(texts(out)) == 1
+
+
+def test_the_same_cause_is_announced_again_in_the_next_watched_mode() -> None:
+    """Else a pilot who comes back to AUTO gets no word of it, also hours later."""
+    f = Flight(doubt="commands are not acknowledged")
+    assert texts(f.step(30)) == ["guard: off, commands are not acknowledged"]
+    f.mode = COPTER_LOITER
+    assert texts(f.step(30)) == []
+    f.mode = AUTO
+    assert texts(f.step(30)) == ["guard: off, commands are not acknowledged"]
+    f.mode = COPTER_LOITER
+    f.step()
+    f.mode, f.doubt = AUTO, ""
+    assert texts(f.step(30)) == ["guard: active"]
+
+
+def test_a_stop_that_cannot_be_repeated_is_announced() -> None:
+    f = stopping()
+    f.doubt = "no heartbeat"
+    out = f.step(50)
+    assert commands(out) == []
+    assert texts(out) == ["guard: off, no heartbeat"]
+    f.doubt = ""
+    out = f.step()
+    assert texts(out)[:1] == ["guard: active"]
+    assert commands(out) != []
