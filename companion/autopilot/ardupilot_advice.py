@@ -14,6 +14,8 @@ LEAST_CUTOFF_HZ = 1.0
 """Of ArduPilot's low pass on the distance of a face. It delays an approaching obstacle by 1 / (2 pi f); 0: no low pass."""
 MAVLINK_SENSOR = 2.0
 """PRXn_TYPE of ArduPilot for obstacles by MAVLink."""
+BENDY_RULER = (1.0, 3.0)
+"""OA_TYPE of path planners that read obstacles; 2 plans by fences alone."""
 RC_PROXIMITY_SWITCH = 40
 """RCn_OPTION of ArduPilot for a switch that turns proximity avoidance on and off."""
 
@@ -38,7 +40,7 @@ def ardupilot_faults(v: Mapping[str, float], avoid: AvoidParams) -> list[Paramet
         "makes it stand"
     )
     found += unless(v, "AVOID_BACKUP_SPD", 0.0, text, "it does not back away into unobserved space")
-    if v.get("OA_TYPE", 0.0) > 0.0:
+    if v.get("OA_TYPE") in BENDY_RULER:
         text = (
             f"OA_TYPE = {v['OA_TYPE']:g}: in AUTO and RTL, with bit 6 of GUID_OPTIONS also in GUIDED, a path planner flies around "
             "obstacles, and when blind around the wall into unobserved space; 0 switches it off"

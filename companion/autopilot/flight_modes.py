@@ -12,6 +12,7 @@ from enum import StrEnum
 from drivers.mavlink.commands import PX4_AUTO, px4_main_and_sub
 from drivers.mavlink.session_types import ARDUPILOT, PX4, Vehicle
 
+from .ardupilot_advice import BENDY_RULER
 from .firmware_version import COPTER_FOLLOWS_POSITIONS, PX4_ACCELERATION_MODE
 from .parameter_fault import AutopilotFacts
 from .px4_advice import position_mode_fault
@@ -82,7 +83,7 @@ def mode_of(vehicle: Vehicle, facts: AutopilotFacts) -> tuple[str, Effect]:
         name, effect = _COPTER.get(number, (f"mode {number}", Effect.UNKNOWN))
         if number == _FOLLOW and facts.version is not None:
             effect = Effect.NOTHING if facts.version >= COPTER_FOLLOWS_POSITIONS else Effect.LEVEL
-        if name in _PLANNED and facts.values.get("OA_TYPE", 0.0) > 0.0:
+        if name in _PLANNED and facts.values.get("OA_TYPE") in BENDY_RULER:
             effect = Effect.PLANS
         return name, effect
     return f"mode {number}", Effect.UNKNOWN
@@ -142,7 +143,7 @@ def mode_fault(vehicle: Vehicle, facts: AutopilotFacts) -> str:
     if effect is Effect.TARGETS:
         planner = facts.values.get("OA_TYPE")
         plans = "; whether a path planner works (OA_TYPE) is not known" if planner is None else ""
-        if planner:
+        if planner in BENDY_RULER:
             plans = "; to position targets a path planner (OA_TYPE) may fly around the artificial wall"
         creeps = ""
         if facts.values.get("AVOID_ACCEL_MAX", 3.0) > 0.0:

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import companion.autopilot.sender as sender_module
+from companion.autopilot.ardupilot_advice import ardupilot_faults
 from companion.autopilot.failsafe import STOP_INSIDE_M
 from companion.autopilot.firmware_version import FirmwareVersion
 from companion.autopilot.flight_modes import Effect, mode_fault, mode_of
@@ -157,6 +158,17 @@ def test_a_path_planner_and_one_that_may_be_there_are_reported(name: str) -> Non
     assert mode_of(copter, off)[1] is not Effect.PLANS
     assert "OA_TYPE is not known" in mode_fault(copter, unread).replace("(OA_TYPE) is", "OA_TYPE is")
     assert "not known" not in mode_fault(copter, off)
+
+
+@pytest.mark.parametrize(("oa_type", "plans"), [(1.0, True), (2.0, False), (3.0, True)])
+def test_a_planner_by_fences_alone_is_not_said_to_plan_around_obstacles(oa_type: float, plans: bool) -> None:
+    """OA_TYPE = 2, Dijkstra, does not read the obstacles of the proximity sensor (AP_OAPathPlanner::avoidance_thread)."""
+    values = {"OA_TYPE": oa_type}
+    for name in ("AUTO", "GUIDED"):
+        text = mode_fault(vehicle("ArduPilot", COPTER[name]), AutopilotFacts(kind="ArduPilot", values=values))
+        assert ("artificial wall" in text) == plans
+        assert plans or "neither before obstacles nor when blind" in text or "it flies on, also when blind" in text
+    assert ("OA_TYPE" in [fault.name for fault in ardupilot_faults(values, AVOID)]) == plans
 
 
 def test_an_autopilot_of_another_kind_is_not_known_to_brake() -> None:
