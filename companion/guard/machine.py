@@ -318,10 +318,13 @@ class GuardMachine:
         if self._brakes_until_ns is None:
             brakes_s = speed_m_s / self.guard.deceleration_m_s2 + self.guard.reaction_s
             self._brakes_until_ns = now.now_ns + round(brakes_s * NS) + SPARE_STOP_NS
-        if now.doubt or now.now_ns < self._brakes_until_ns or not self._still_needed(now):
+        if now.now_ns < self._brakes_until_ns or not self._still_needed(now):
             return []
+        if now.doubt:
+            return self._availability.lost(now.doubt, now.now_ns)
+        out = self._availability.restored()
         self._brakes_until_ns = now.now_ns + SPARE_STOP_NS
-        return [*self._try_to_stop(vehicle, now), *self._failure("guard: DOES NOT STOP, take over")]
+        return [*out, *self._try_to_stop(vehicle, now), *self._failure("guard: DOES NOT STOP, take over")]
 
     def _may_get_faster(self, now: GuardInput) -> bool:
         """True for a moment after a stop command: a vehicle at the beginning of a leg is slow, and still gets faster."""

@@ -222,6 +222,15 @@ def test_the_same_cause_is_announced_again_in_the_next_watched_mode() -> None:
     assert texts(f.step(30)) == ["guard: active"]
 
 
+def test_a_vehicle_that_does_not_brake_and_gets_no_command_is_announced() -> None:
+    f = stopping()
+    f.mode, f.doubt = COPTER_BRAKE, "two autopilots"
+    assert texts(f.step(30)) == []  # it brakes for now
+    out = f.step(100)
+    assert commands(out) == []
+    assert texts(out) == ["guard: off, two autopilots"]
+
+
 def test_a_stop_that_cannot_be_repeated_is_announced() -> None:
     f = stopping()
     f.doubt = "no heartbeat"
