@@ -96,10 +96,11 @@ def for_coarse_bins(values: NDArray[np.uint16], clear: int, reach: BrakingReach)
     return out
 
 
-def for_empty_faces(values: NDArray[np.uint16], clear: int, may_be_px4: bool) -> NDArray[np.uint16]:
+def for_empty_faces(values: NDArray[np.uint16], clear: int, autopilot: str) -> NDArray[np.uint16]:
     """Returns the values for ArduPilot, with the farthest distance in an empty face that would open its fence.
 
-    Its fence is then nowhere beyond an obstacle. To PX4, which moves into sectors with a value, no unknown element changes."""
+    Its fence is then nowhere beyond an obstacle. To other kinds no unknown element changes: PX4 moves into sectors with a
+    value. autopilot: kind of the autopilot."""
     out = values.copy()
     occupied = values < clear
     for first, empty, third in READ_BEFORE:
@@ -107,7 +108,7 @@ def for_empty_faces(values: NDArray[np.uint16], clear: int, may_be_px4: bool) ->
         if not beside or occupied[empty == FACE].any():
             continue
         places = np.flatnonzero((empty == FACE) & (values == clear))
-        if not len(places) and not may_be_px4:
+        if not len(places) and autopilot == ARDUPILOT:
             places = np.flatnonzero(empty == FACE)
         if len(places):
             out[places[len(places) // 2]] = clear - 2
@@ -151,7 +152,7 @@ def for_reader(
         values = for_coarse_bins(values, clear, near if autopilot == PX4 else only_near(clear))
     if autopilot == PX4:
         return values
-    return for_front_face(for_empty_faces(values, clear, PX4 in autopilot), clear)
+    return for_front_face(for_empty_faces(values, clear, autopilot), clear)
 
 
 def obstacle_distance_message(values: NDArray[np.uint16], time_us: int, avoid: AvoidParams) -> Any:

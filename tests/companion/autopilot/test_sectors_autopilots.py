@@ -112,9 +112,7 @@ def test_the_nearer_half_of_the_front_face_counts_whatever_the_low_pass(
 
 @given(
     st.dictionaries(st.integers(0, 71), st.integers(70, 1199), min_size=1, max_size=8),
-    st.sampled_from(
-        [("ArduPilot", UNKNOWN), ("ArduPilot", 1201), ("autopilot 8", UNKNOWN), ("ArduPilot or PX4", 1201)]
-    ),
+    st.sampled_from([("ArduPilot", UNKNOWN), ("ArduPilot", 1201), ("autopilot 8", 1201), ("ArduPilot or PX4", 1201)]),
     st.booleans(),
 )
 @example({6: 400, 66: 1000}, ("ArduPilot", 1201), False)
@@ -163,10 +161,10 @@ def test_both_corners_of_a_face_are_as_near_as_its_obstacle_whatever_is_in_the_o
 
 
 @pytest.mark.parametrize(
-    ("autopilot", "filled"), [("ArduPilot", 1199), ("autopilot 8", 1199), ("ArduPilot or PX4", UNKNOWN)]
+    ("autopilot", "filled"), [("ArduPilot", 1199), ("autopilot 8", UNKNOWN), ("ArduPilot or PX4", UNKNOWN)]
 )
-def test_no_unknown_sector_gets_a_value_where_the_autopilot_may_be_px4(autopilot: str, filled: int) -> None:
-    """PX4 moves into a sector with a value."""
+def test_no_unknown_sector_gets_a_value_unless_the_autopilot_is_ardupilot(autopilot: str, filled: int) -> None:
+    """PX4 moves into a sector with a value; what another kind does is not known."""
     values = np.full(SECTORS, UNKNOWN, np.uint16)
     values[[2, 54]] = 400, 1000
     sent = for_reader(values, AVOID, autopilot)[[face_of(5.0 * i) == 7 for i in range(SECTORS)]]
