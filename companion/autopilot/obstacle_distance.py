@@ -120,16 +120,16 @@ def for_front_face(values: NDArray[np.uint16], clear: int) -> NDArray[np.uint16]
 
     Its front face consists of the elements 0 to 4, which are read first, and 68 to 71, which are read last and
     replace the former. Its low pass (PRX_FILT) takes the former only, because the latter follow within the same
-    millisecond. Both parts therefore contain the nearest distance of the whole face: the one without it gets it in the element
-    next to the other part."""
-    right, left = values[:5], values[SECTORS - 4 :]
-    nearest = min(right.min(), left.min())
+    millisecond. Both parts therefore contain the nearest distance of the whole face: the one without it gets it in its obstacle
+    next to the other part. No unknown element gets it: the autopilot may be PX4, which moves into sectors with a value."""
+    right, left = (part[values[part] < clear] for part in (np.arange(5), np.arange(SECTORS - 4, SECTORS)))
     out = values.copy()
-    if right.min() < clear and left.min() < clear:
-        if right.min() > nearest:
-            out[0] = nearest
-        if left.min() > nearest:
-            out[-1] = nearest
+    if len(right) and len(left):
+        nearest = min(values[right].min(), values[left].min())
+        if values[right].min() > nearest:
+            out[right[0]] = nearest
+        if values[left].min() > nearest:
+            out[left[-1]] = nearest
     return out
 
 

@@ -172,6 +172,16 @@ def test_no_unknown_sector_gets_a_value_unless_the_autopilot_is_ardupilot(autopi
     assert (sent != UNKNOWN).sum() == (filled != UNKNOWN)
 
 
+@given(st.lists(st.sampled_from([150, 777, 1199, 1201, UNKNOWN, UNKNOWN]), min_size=SECTORS, max_size=SECTORS))
+@example([UNKNOWN] + 4 * [777] + 63 * [UNKNOWN] + 4 * [150])
+def test_what_is_unknown_stays_unknown_to_an_autopilot_that_may_be_px4(cm: list[int]) -> None:
+    """The nearest distance of the front face is put into its other part for ArduPilot."""
+    values = np.array(cm, np.uint16)
+    unknown = for_coarse_bins(values, clear_cm(AVOID), only_near(clear_cm(AVOID))) == UNKNOWN
+    for autopilot in ("ArduPilot or PX4", "autopilot 8"):
+        assert (for_reader(values, AVOID, autopilot)[unknown] == UNKNOWN).all()
+
+
 def test_a_clear_field_stops_no_vehicle_and_an_unseen_one_stops_px4() -> None:
     for bin_deg in (5, 10):
         px4 = Px4Reader(bin_deg)
