@@ -98,6 +98,7 @@ def test_the_mount_counts() -> None:
     assert depth_at((0.0, 0.0, -5.0), -30.0, turned) == pytest.approx(9900, rel=0.01)
 
 
+@pytest.mark.process
 def test_it_follows_an_autopilot_over_udp() -> None:
     """The project's own simulated autopilot flies north at 1 m/s."""
     begun_ns, port = time.monotonic_ns(), free_port()
