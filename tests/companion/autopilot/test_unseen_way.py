@@ -85,13 +85,15 @@ def looked_at(info: CameraInfo = INFO) -> Coverage:
     return looked_into(info, AVOID)
 
 
-def values_of(found: SectorScan, autopilot: str, blind: NDArray[np.bool_] | None = None) -> NDArray[np.uint16]:
+def values_of(
+    found: SectorScan, autopilot: str, blind: NDArray[np.bool_] | None = None, avoid: AvoidParams = AVOID
+) -> NDArray[np.uint16]:
     seeing, whole = covered([looked_at()])
     nowhere = np.zeros(SECTORS, bool)
     sight = PolicyInput(found, nothing_remembered(), nowhere if blind is None else blind, seeing, whole, 0)
-    values = BlindPolicy(AVOID).values(sight, policy_of(AVOID, AutopilotNow(kind=autopilot)), 0)
+    values = BlindPolicy(avoid).values(sight, policy_of(avoid, AutopilotNow(kind=autopilot)), 0)
     assert values is not None
-    return for_reader(values, AVOID, autopilot)
+    return for_reader(values, avoid, autopilot)
 
 
 @pytest.fixture(scope="module")
@@ -458,6 +460,24 @@ def test_a_surface_within_the_band_is_never_called_clear(
     x, y = np.full(1, 4.0), np.zeros(1)
     free = points_free(View(found, HERE), x, y, z)[:, 0]
     assert not free[z > height_m].any()
+
+
+@pytest.mark.parametrize(("band_below_m", "clear_share"), [(1.2, 0.8), (1.2, 0.5), (0.8, 0.5)])
+def test_ground_in_the_lowest_part_of_the_band_leaves_no_sector_clear(band_below_m: float, clear_share: float) -> None:
+    """`clear_share` alone lets that part be unseen: PX4 moved over the surface. The wall for ArduPilot is where the free space of
+    the rest ends."""
+    avoid = replace(AVOID, band_below_m=band_below_m, clear_share=clear_share)
+    for height_m, expected in ((band_below_m - 0.02, SectorState.UNSEEN), (band_below_m + 0.05, SectorState.CLEAR)):
+        b = SceneBuilder("flat")
+        b.ground()
+        b.box("wall", 30.0, 0.0, 0.3, 90.0, 6.0)
+        seen = render(b.build(), INFO, position_ned_m=(0.0, 0.0, -height_m), sensor=SENSOR)
+        sectors = scan([view_of(seen, np.zeros(seen.depth_mm.shape, bool))], avoid)
+        assert (sectors.state[FRONT] == expected).all(), height_m
+        if expected == SectorState.UNSEEN:
+            assert set(values_of(sectors, PX4, avoid=avoid)[FRONT]) == {UNKNOWN}
+            free_cm = math.floor(100.0 * (sectors.free_m[0] - avoid.radius_m))
+            assert set(values_of(sectors, ARDUPILOT, avoid=avoid)[FRONT]) == {free_cm}
 
 
 @pytest.mark.parametrize("tolerance_m", [0.1, 0.25, 0.6])
