@@ -276,3 +276,5 @@ def test_a_forged_kind_of_autopilot_brings_the_wall_and_no_silence(flown: Flown)
     finally:
         flown.delivers = True
     assert flown.comes_to_see()
+    # the kind counts again with the first heartbeat after that
+    assert until(lambda: flown.fly(0.2) is None and getattr(flown.link.status().vehicle, "autopilot", "") == flown.kind)

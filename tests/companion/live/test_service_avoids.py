@@ -147,6 +147,7 @@ def avoiding(
 
 def test_a_parameter_that_keeps_the_autopilot_from_braking_is_reported(avoiding: AvoidingService) -> None:
     text = "CP_DIST = -1" if avoiding.kind == PX4 else "PRX1_TYPE = 0"
+    avoiding.line.change(lambda a: a.parameters.update(BAD[avoiding.kind]))
     avoiding.health.wait(lambda h: any(text in t for t in h.troubles), PATIENCE_S)
     avoiding.correct_parameters()
 
@@ -185,6 +186,8 @@ def test_a_blind_camera_stops_messages_to_px4_after_two_seconds_and_sends_ardupi
     avoiding: AvoidingService,
 ) -> None:
     assert until(avoiding.has_obstacles)
+    avoiding.wait_until_no_fault()
+    assert until(avoiding.has_read_the_margin)  # which places the wall
     avoiding.live.cable.unlink()
     begun_ns = time.monotonic_ns()
 

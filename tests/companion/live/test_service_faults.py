@@ -58,6 +58,7 @@ def test_an_attitude_that_is_repeated_leaves_nothing_clear(avoiding: AvoidingSer
     """The heading is carried on for 0.3 s; what comes late on the line may be a second old. The other faults of the attitude, on
     real links with both kinds of autopilot: test_fault_table.py."""
     assert until(avoiding.has_obstacles)
+    assert until(avoiding.has_read_the_margin)  # which places the wall
     avoiding.line.change(lambda a: setattr(a.profile, "repeats_attitude", lambda _: True))
     begun_ns = time.monotonic_ns()
     try:
@@ -70,7 +71,7 @@ def test_an_attitude_that_is_repeated_leaves_nothing_clear(avoiding: AvoidingSer
         assert late
         assert [values for values in late if not values <= {WALL_CM}] == []
         assert until(lambda: any(t.startswith("OA: front blind: ") for t in avoiding.texts()))
-        assert "attitude_repeated" in {d.code for d in avoiding.health.since(0)[-1].diagnostics}
+        avoiding.health.wait(lambda h: "attitude_repeated" in {d.code for d in h.diagnostics}, PATIENCE_S)
     finally:
         avoiding.line.change(lambda a: setattr(a.profile, "repeats_attitude", lambda _: False))
     assert until(avoiding.has_obstacles)
