@@ -134,12 +134,16 @@ def test_the_state_of_the_computer_is_sent_once_a_second_where_configured(flying
     """Services without this setting send none: test_service_avoids.py."""
     assert not AutopilotConfig().computer_status
 
-    def count(kind: str) -> int:
-        return int(flying.line.change(lambda a: len(a.of_kind(kind))))
+    def counts() -> tuple[int, int]:
+        kinds = ("HEARTBEAT", "ONBOARD_COMPUTER_STATUS")
+        beats, states = flying.line.change(lambda a: tuple(len(a.of_kind(kind)) for kind in kinds))
+        return beats, states
 
-    beats, states = count("HEARTBEAT"), count("ONBOARD_COMPUTER_STATUS")
-    assert until(lambda: count("HEARTBEAT") >= beats + 3)
-    assert 2 <= count("ONBOARD_COMPUTER_STATUS") - states <= 5
+    beats, states = counts()
+    assert until(lambda: counts()[0] >= beats + 3)
+    later_beats, later_states = counts()
+    # one of each in a second; this test may be late
+    assert 2 <= later_states - states <= later_beats - beats + 2
 
 
 def test_a_second_service_is_refused_and_the_first_goes_on(flying: Flying) -> None:
