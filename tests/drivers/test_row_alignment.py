@@ -92,6 +92,15 @@ def test_the_rotation_of_the_right_camera_is_measured_to_a_twentieth_of_a_pixel(
     assert 0.5 * K.width * abs(wrong.stretch) < STRETCH_SLACK_PX
 
 
+@pytest.mark.parametrize("angles", [(2.0 * PITCH_RAD, 0.0), (0.0, 2.0 * PITCH_RAD), (PITCH_RAD, 2.0 * PITCH_RAD)])
+def test_rotations_of_both_signs_are_the_same_error(angles: tuple[float, float]) -> None:
+    """Else a camera that is bent the other way would never be a fault."""
+    one, other = RightRotation(*angles), RightRotation(*(-angle for angle in angles))
+    assert one.error_px(K) == other.error_px(K) == pytest.approx(2.0 * K.fx / K.fy)
+    assert one.greatest_row_px(K) == pytest.approx(other.greatest_row_px(K))
+    assert one.greatest_row_px(K) > 0.5
+
+
 def test_corners_in_one_part_of_the_image_do_not_determine_the_rotation() -> None:
     """A roll and a pitch move them alike."""
     rng = np.random.default_rng(3)
