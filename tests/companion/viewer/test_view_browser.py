@@ -37,11 +37,18 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def first(browser: Browser, page: Path) -> Iterator[Page]:
-    """The page, opened at its first frame."""
+def once(browser: Browser, page: Path) -> Iterator[Page]:
     with browser.page(f"{page.as_uri()}#frame=0") as shown:
         shown.wait("document.body.dataset.drawn === '0'")
         yield shown
+
+
+@pytest.fixture
+def first(once: Page) -> Page:
+    """The page at its first frame."""
+    once.key("Home")
+    once.wait("document.body.dataset.drawn === '0'")
+    return once
 
 
 def shows_status(shown: Page, banner: str) -> bool:
@@ -130,8 +137,6 @@ def test_page_is_turned_stepped_slid_and_questioned(first: Page) -> None:
 
 def test_page_plays_to_its_end(first: Page) -> None:
     first.ask("document.getElementById('speed').value = '4'")
-    first.key("Home")
-    first.wait("document.body.dataset.drawn === '0'")
     first.ask("app.play(true)")
     first.wait("!app.playing && document.body.dataset.drawn === '2'")
 
