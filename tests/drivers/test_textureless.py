@@ -131,8 +131,10 @@ def test_marks_stand_for_unmeasured_pixels_only() -> None:
     assert (marks[20:-20, 80:-20] == TEXTURELESS_MM).mean() > 0.99
 
 
-def ground(step_grey: float) -> tuple[NDArray[np.uint16], NDArray[np.float32], NDArray[np.uint8], NDArray[np.uint8]]:
-    """Matched ground below row 120, above it 40 smooth rows that differ from it by step_grey, then the sky."""
+def ground(
+    step_grey: float, unmatched_rows: int = 0
+) -> tuple[NDArray[np.uint16], NDArray[np.float32], NDArray[np.uint8], NDArray[np.uint8]]:
+    """Ground below row 120, matched but for its first rows, above it 40 smooth rows that differ from it by step_grey, then the sky."""
     image = sky()
     rng = np.random.Generator(np.random.PCG64(4))
     image[80:] = 80.0
@@ -140,7 +142,7 @@ def ground(step_grey: float) -> tuple[NDArray[np.uint16], NDArray[np.float32], N
     image[120:] += 8.0 * rng.standard_normal((HEIGHT - 120, WIDTH))
     left, right = pair(image)
     disparity = np.full((HEIGHT, WIDTH), -1.0, np.float32)
-    disparity[120:] = 3.0
+    disparity[120 + unmatched_rows :] = 3.0
     depth = np.where(disparity > 0.0, np.uint16(14_000), np.uint16(UNKNOWN_MM)).astype(np.uint16)
     return depth, disparity, left, right
 
@@ -152,8 +154,16 @@ def test_smooth_ground_of_the_same_brightness_continues_what_is_matched_below() 
     assert not (marks[:70] == CONTINUED_MM).any()
 
 
-def test_a_smooth_beam_of_another_brightness_does_not() -> None:
-    depth, disparity, left, right = ground(12.0)
+@pytest.mark.parametrize("step_grey", [-7.0, 7.0, 12.0])
+def test_a_smooth_beam_of_another_brightness_does_not(step_grey: float) -> None:
+    """Of little more than like_grey too: the ground is compared without the rows of the beam that a mean at its border holds."""
+    depth, disparity, left, right = ground(step_grey)
+    assert not (mark_unmeasured(depth, disparity, left, right, LIMITS) == CONTINUED_MM).any()
+
+
+def test_a_smooth_wall_beyond_rows_without_a_match_does_not() -> None:
+    """Of the same brightness as the ground: these rows may be the lower edge of something near."""
+    depth, disparity, left, right = ground(0.0, unmatched_rows=12)
     assert not (mark_unmeasured(depth, disparity, left, right, LIMITS) == CONTINUED_MM).any()
 
 
