@@ -1,7 +1,9 @@
 """The bounded queue from all threads to the pipeline: one order for all items, and only the newest frame per camera.
 
 A frame that a newer one of its camera replaces before the pipeline takes it is kept in its place as a SupersededFrame,
-so that the log records the drop."""
+so that the log records the drop. The newer one has its turn before the frames of other cameras that waited behind it:
+otherwise, of cameras that are exposed together, the last one would never be used while a frame takes longer than their
+period."""
 
 from __future__ import annotations
 
@@ -41,12 +43,30 @@ class EventQueue:
     def put_frame(self, frame: DepthFrame) -> None:
         """Adds a depth frame. A waiting frame of the same camera is superseded."""
         with self._changed:
-            for i, item in enumerate(self._items):
-                if isinstance(item, DepthFrame) and item.camera == frame.camera:
-                    self._items[i] = SupersededFrame(item.camera, item.sequence, item.t_exposure_ns, item.t_arrival_ns)
+            behind = self._supersede(frame.camera)
             self._items.append(frame)
+            self._items.extend(behind)
             self._drop_oldest()
             self._changed.notify()
+
+    def _supersede(self, camera: str) -> list[DepthFrame]:
+        """Supersedes the waiting frame of a camera. Returns the frames of the others that waited behind it, taken out: later they
+        have more attitudes, but each is to be used with the description of its camera before it."""
+        items = list(self._items)
+        of_camera = (
+            (i, item) for i, item in enumerate(items) if isinstance(item, DepthFrame) and item.camera == camera
+        )
+        place, old = next(of_camera, (0, None))
+        if old is None:
+            return []
+        self._items[place] = SupersededFrame(camera, old.sequence, old.t_exposure_ns, old.t_arrival_ns)
+        after = items[place + 1 :]
+        if any(isinstance(item, CameraInfo) for item in after):
+            return []
+        behind = [item for item in after if isinstance(item, DepthFrame)]
+        for frame in behind:
+            self._items.remove(frame)
+        return behind
 
     def _drop_oldest(self) -> None:
         """Keeps the limit of waiting items."""

@@ -6,7 +6,7 @@ import dataclasses
 import resource
 import socket
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor, wait
 from contextlib import suppress
 from dataclasses import replace
@@ -73,11 +73,35 @@ def test_a_superseded_frame_stays_in_its_place_as_a_notice() -> None:
     event_queue.put_frame(image("front", 4))
     taken = event_queue.take(0.0)
     assert taken[0] == SupersededFrame("front", 1, 1, 2)
-    assert isinstance(taken[2], DepthFrame)
-    assert taken[2].camera == "right"
-    (newest,) = event_queue.take(0.0)
-    assert isinstance(newest, DepthFrame)
-    assert newest.sequence == 4
+    assert frames_in(taken) == [("front", 4)], "after the attitude that arrived before it"
+    assert taken[1] == attitude(2)
+    assert frames_in(event_queue.take(0.0)) == [("right", 3)]
+
+
+def frames_in(taken: Sequence[object]) -> list[tuple[str, int]]:
+    return [(item.camera, item.sequence) for item in taken if isinstance(item, DepthFrame)]
+
+
+def test_each_camera_has_its_turn_while_frames_take_longer_than_their_period() -> None:
+    """Cameras that are exposed together: the newest frame of the last one always arrives last."""
+    event_queue, cameras = EventQueue(), ["front", "right", "left"]
+    served = []
+    for k in range(12):
+        for camera in cameras:
+            event_queue.put_frame(image(camera, k))
+        served += frames_in(event_queue.take(0.0))
+    assert [camera for camera, _ in served] == 4 * cameras
+    assert [k for _, k in served] == list(range(12)), "the newest frame each"
+
+
+def test_a_frame_keeps_its_place_before_a_new_description_of_a_camera() -> None:
+    event_queue = EventQueue()
+    event_queue.put_frame(image("right", 1))
+    event_queue.put_frame(image("front", 2))
+    event_queue.put([dataclasses.replace(INFO, camera="front")])
+    event_queue.put_frame(image("right", 3))
+    assert frames_in(event_queue.take(0.0)) == [("front", 2)], "of the camera as it was described before"
+    assert frames_in(event_queue.take(0.0)) == [("right", 3)]
 
 
 def test_a_frame_and_several_samples_end_the_wait() -> None:
