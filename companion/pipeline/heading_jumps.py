@@ -16,7 +16,7 @@ from typing import Final, NamedTuple
 
 from core.types import AttitudeSample
 
-from .quaternion import Quaternion, conjugate, normalised, plausible_rates, product, rotate_by_rates
+from .quaternion import Quaternion, conjugate, normalised, plausible_rates, product, rotate_by_rates, to_rotation_vector
 
 NS: Final = 1_000_000_000
 JUMP_RAD: Final = math.radians(3.0)
@@ -150,6 +150,7 @@ class Turn(NamedTuple):
     """The turn about the vertical between two attitudes that the rates do not explain."""
 
     angle_rad: float  # clockwise
+    whole_rad: float  # about any axis, at least 0
     limit_rad: float  # a larger one is a jump
     known: bool  # whether rates are known
 
@@ -161,6 +162,13 @@ def heading_jump_rad(before: AttitudeSample, after: AttitudeSample) -> float:
     return turn.angle_rad if abs(turn.angle_rad) > turn.limit_rad else 0.0
 
 
+def contradict(before: AttitudeSample, after: AttitudeSample) -> bool:
+    """Returns whether the rates of two attitudes do not explain the turn between them, about any axis: one of both is of another
+    instant than its stamp, or the estimate jumped. False where no rates are known."""
+    turn = _unexplained(before, after)
+    return turn.known and turn.whole_rad > turn.limit_rad
+
+
 def _unexplained(before: AttitudeSample, after: AttitudeSample) -> Turn:
     """Expects a turn by the mean of the rates at both attitudes.
 
@@ -170,11 +178,13 @@ def _unexplained(before: AttitudeSample, after: AttitudeSample) -> Turn:
     rates = [r for r in (plausible_rates(s.rates_frd_rad_s) for s in (before, after)) if r is not None]
     x, y, z = (sum(r) / len(rates) for r in zip(*rates, strict=True)) if rates else (0.0, 0.0, 0.0)
     expected = rotate_by_rates(before.q_ned_frd_wxyz, (x, y, z), dt_s)
-    angle_rad = _about_vertical_rad(product(normalised(after.q_ned_frd_wxyz), conjugate(expected)))
+    turned = product(normalised(after.q_ned_frd_wxyz), conjugate(expected))
+    angle_rad, whole_rad = _about_vertical_rad(turned), math.hypot(*to_rotation_vector(turned))
     if not rates:
-        return Turn(angle_rad, JUMP_RAD + UNKNOWN_RATE_RAD_S * dt_s, False)
+        return Turn(angle_rad, whole_rad, JUMP_RAD + UNKNOWN_RATE_RAD_S * dt_s, False)
     change_rad_s = math.dist(*rates) if len(rates) == 2 else RATE_CHANGE_RAD_S2 * dt_s
-    return Turn(angle_rad, JUMP_RAD + 0.5 * change_rad_s * dt_s + 0.25 * RATE_CHANGE_RAD_S2 * dt_s**2, True)
+    limit_rad = JUMP_RAD + 0.5 * change_rad_s * dt_s + 0.25 * RATE_CHANGE_RAD_S2 * dt_s**2
+    return Turn(angle_rad, whole_rad, limit_rad, True)
 
 
 def _about_vertical_rad(q_ned: Quaternion) -> float:

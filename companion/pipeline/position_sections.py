@@ -114,11 +114,10 @@ class PositionSections:
 
     def _stepped(self, before: PoseSample, after: PoseSample) -> bool:
         """True if the velocities at two positions do not explain the distance between them."""
-        step_m = _unexplained_m(before, after)
-        if step_m is None:
+        if _unexplained_m(before, after) is None:
             way_m = math.dist(before.position_ned_m, after.position_ned_m)
             return way_m > JUMP_M + UNKNOWN_SPEED_M_S * (after.t_ns - before.t_ns) / NS
-        return math.hypot(*step_m) > _limit_m(before, after)
+        return contradict(before, after)
 
     def _drifted(self, before: PoseSample, after: PoseSample) -> bool:
         """True if what the velocities do not explain has added up to more than the limit of one step."""
@@ -134,6 +133,13 @@ class PositionSections:
         while after.t_ns - self._sums[0][0] > WINDOW_NS and len(self._sums) > 1:
             self._sums.popleft()
         return False
+
+
+def contradict(before: PoseSample, after: PoseSample) -> bool:
+    """Returns whether the velocities at two positions do not explain the distance between them: one of both is of another instant
+    than its stamp, or the estimate jumped. False where no velocities are known."""
+    step_m = _unexplained_m(before, after)
+    return step_m is not None and math.hypot(*step_m) > _limit_m(before, after)
 
 
 def _limit_m(before: PoseSample, after: PoseSample) -> float:

@@ -14,6 +14,7 @@ from core.codes import Code
 from core.types import AttitudeSample, PoseSample
 
 from ..config.sync import SyncParams
+from . import heading_jumps, position_sections
 from .heading_jumps import HeadingJumps, Jumps
 from .position_sections import NO_SECTION, PositionSections, Section
 from .quaternion import Quaternion, Vector, plausible_rates, rates_between, rotate_by_rates, slerp, tilt_rate
@@ -104,10 +105,10 @@ class Synchroniser:
             self.poses.add(sample, self.sections.begins_ns)
 
     def attitude_at(self, t_ns: int) -> AttitudeAt | DropCause:
-        """The attitude at t_ns, or why there is none: exact; interpolated between two samples that are close enough,
-        without a jump of the heading between them; extrapolated from the nearest sample by its body rates, or by those
-        between its neighbour and itself. None where the vehicle turns by more than max_clock_error_deg within the error of
-        the stamps."""
+        """The attitude at t_ns, or why there is none: exact; interpolated between two samples that are close enough, without
+        a jump of the heading between them, and whose rates explain the turn between them; extrapolated from the nearest
+        sample by its body rates, or by those between its neighbour and itself. None where the vehicle turns by more than
+        max_clock_error_deg within the error of the stamps."""
         found = self._attitude_at(t_ns)
         if isinstance(found, DropCause):
             return found
@@ -139,6 +140,8 @@ class Synchroniser:
         if before is not None and after is not None:
             gap_ns = after.t_ns - before.t_ns
             if gap_ns <= self.params.max_gap_s * NS and not self._jumped_between(before, after):
+                if heading_jumps.contradict(before, after):  # which of both is wrong is not known
+                    return DropCause.GAP_TOO_WIDE
                 q = slerp(before.q_ned_frd_wxyz, after.q_ned_frd_wxyz, (t_ns - before.t_ns) / gap_ns)
                 return self._attitude(q, Source.INTERPOLATED, min(t_ns - before.t_ns, after.t_ns - t_ns), before)
         return self._extrapolated(t_ns, before, after)
@@ -180,8 +183,9 @@ class Synchroniser:
         return rates_between(neighbour.q_ned_frd_wxyz, sample.q_ned_frd_wxyz, (sample.t_ns - neighbour.t_ns) / NS)
 
     def pose_at(self, t_ns: int) -> PoseAt | str:
-        """The position at t_ns, or a text why there is none. Not across a jump of the autopilot's estimate, not beyond
-        MAX_DISTANCE_M, and not where the vehicle flies farther than max_clock_error_m within the error of the stamps."""
+        """The position at t_ns, or a text why there is none. Not across a jump of the autopilot's estimate, not between two
+        positions that contradict each other, not beyond MAX_DISTANCE_M, and not where the vehicle flies farther than
+        max_clock_error_m within the error of the stamps."""
         found = self._pose_at(t_ns)
         if isinstance(found, PoseAt) and any(s is not None and self._displaced(s) for s in self.poses.around(t_ns)):
             return "the vehicle flies too fast for the error of the autopilot's timestamps"
@@ -220,6 +224,8 @@ class Synchroniser:
             section = self.sections.at(before.t_ns)
             one_section = before.reset_counter == after.reset_counter and section == self.sections.at(after.t_ns)
             if gap_ns <= self.params.pose_max_gap_s * NS and one_section:
+                if position_sections.contradict(before, after):
+                    return "the positions before and after the exposure contradict each other"
                 share = (t_ns - before.t_ns) / gap_ns
                 between = _interpolated(before.position_ned_m, after.position_ned_m, share)
                 distance_ns = min(t_ns - before.t_ns, after.t_ns - t_ns)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import replace
 
@@ -148,7 +149,8 @@ def still(t_ms: float, rates=STILL) -> AttitudeSample:
 def test_in_a_fast_turn_no_attitude_is_used_whose_instant_is_uncertain(error_ms, rate_deg_s, sharp, t_ms):
     """With a bound of 55 ms a pole stood 5 degrees beside its place at 100 degrees a second, and its place was free."""
     rates = None if rate_deg_s is None else (0.0, 0.0, math.radians(rate_deg_s))
-    samples = [replace(still(at, rates), stamp_error_ns=error_ms * MS) for at in ((100, 120) if rates else (100,))]
+    found = [turning(at * MS, LEVEL, rates) for at in (100, 120)] if rates else [still(100, None)]
+    samples = [replace(sample, stamp_error_ns=error_ms * MS) for sample in found]
     answer = synchroniser(*samples).attitude_at(t_ms * MS)
     if sharp:
         assert isinstance(answer, AttitudeAt)
@@ -164,7 +166,8 @@ def test_between_two_samples_one_uncertain_instant_is_enough(uncertain_first, t_
     """The bound falls when the clock becomes known: a sample before it may still be of another instant."""
     fast = (0.0, 0.0, math.radians(200.0))
     errors_ms = (30, 1) if uncertain_first else (1, 30)
-    samples = [replace(still(at, fast), stamp_error_ns=e * MS) for at, e in zip((100, 120), errors_ms, strict=True)]
+    found = [turning(at * MS, LEVEL, fast) for at in (100, 120)]
+    samples = [replace(s, stamp_error_ns=error_ms * MS) for s, error_ms in zip(found, errors_ms, strict=True)]
     assert synchroniser(*samples).attitude_at(t_ms * MS) is DropCause.CLOCK_UNCERTAIN
 
 
@@ -235,6 +238,27 @@ def test_stamps_that_step_back_far_reset_the_state():
 def test_a_stamp_from_the_far_future_does_not_blind_for_long():
     sync = synchroniser(still(0), still(3_600_000), still(20), still(40))
     assert sync.attitude_at(30 * MS).source is Source.INTERPOLATED
+
+
+@pytest.mark.parametrize(("step_ms", "params"), [(500, {}), (2000, {"restart_step_s": 10.0})])
+@pytest.mark.parametrize("axis", ["heading", "roll"])
+def test_nothing_is_interpolated_between_samples_that_contradict_each_other(axis, step_ms, params):
+    """The stamps step back by less than a restart: samples of two times lie between each other."""
+    sync, arrivals = Synchroniser(SyncParams(**params)), itertools.count(step=10 * MS)
+
+    def add(t_ms: int, deg: float, north_m: float) -> None:
+        angles = (0.0, 0.0, math.radians(deg)) if axis == "heading" else (math.radians(deg), 0.0, 0.0)
+        sync.add(AttitudeSample(t_ms * MS, next(arrivals), quaternion_from_euler(*angles), (0.0, 0.0, 0.0)))
+        sync.add(PoseSample(t_ms * MS, next(arrivals), (north_m, 0.0, -2.0), (0.0, 0.0, 0.0)))
+
+    for t_ms in range(10_000, 13_000, 10):
+        add(t_ms, 0.0, 0.0)
+    begin_ms = 13_005 - step_ms
+    for t_ms in range(begin_ms, begin_ms + 200, 10):
+        add(t_ms, 40.0, 50.0)
+    between_ns = (begin_ms + 107) * MS
+    assert sync.attitude_at(between_ns) is DropCause.GAP_TOO_WIDE
+    assert sync.pose_at(between_ns) == "the positions before and after the exposure contradict each other"
 
 
 def test_the_number_held_is_bounded():
