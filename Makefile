@@ -54,7 +54,7 @@ check: $(STAMP) lint ## lint, types and the tests that a change affects (two min
 
 # Tests that start processes or wait for the clock come last and apart: beside computing tests, even with the lowest priority of
 # those, a browser or a service did not answer in time. A failed pass ends none of the others (-k).
-test: lint ## all checks, 12 to 40 minutes on two cores
+test: lint ## all checks, 10 to 25 minutes on two cores
 	@$(MAKE) --no-print-directory -k test-computing test-processes test-realtime
 
 # Tests of the branches of kernels (marker nojit) run twice more: without the JIT and with bounds checks. Kernels with bounds
