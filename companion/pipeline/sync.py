@@ -41,7 +41,7 @@ class DropCause(Code):
     NO_ATTITUDE = "no_attitude", "no attitude had arrived"
     ATTITUDE_STALE = "attitude_stale", "the newest attitude is too old to be carried forward to the exposure"
     FRAME_TOO_OLD = "frame_too_old", "the exposure lies before all attitudes still held"
-    GAP_TOO_WIDE = "gap_too_wide", "the attitudes before and after the exposure are too far apart"
+    GAP_TOO_WIDE = "gap_too_wide", "the attitudes around the exposure are too far apart or contradict each other"
     NO_RATES = "no_rates", "a single attitude without body rates cannot be carried to the exposure"
     CLOCK_UNCERTAIN = "clock_uncertain", "the vehicle turns too fast for the error of the autopilot's timestamps"
     DUPLICATE_FRAME = "duplicate_frame", "a frame with this exposure was handled already"
