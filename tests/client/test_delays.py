@@ -20,7 +20,6 @@ from osape_client.receive_time import CLOCK_DRIFT, Delays
 from osape_client.world.mirror import WorldMirror
 from tests.waiting import until
 
-from .test_cpp_subscriber import program  # noqa: F401
 from .test_subscriber import a_frame, a_free_place
 
 pytestmark = pytest.mark.process
@@ -98,7 +97,7 @@ def test_after_a_restart_of_the_other_machine_the_fastest_message_is_found_anew(
 def test_a_world_that_lags_is_not_usable(network: Network, tmp_path: Path) -> None:
     """The changes of a world wait in order in a link that is too slow, twenty seconds of them."""
     message = pb.WorldUpdate(schema_version=1, section=1, valid=True, snapshot=True)
-    with WorldMirror(network.address, f"ipc://{tmp_path}/nobody") as mirror:
+    with WorldMirror(network.address, f"ipc://{tmp_path}/no-requests") as mirror:
         assert until(lambda: (network.deliver(message), mirror.update(0.05))[1], 60.0)
         before = mirror.stats.messages
         network.deliver(message, 5.0)
@@ -132,7 +131,7 @@ def test_moving_obstacles_of_neighbours_go_on_while_their_message_is_on_the_way(
         assert mover.age_s >= 5.0
 
 
-def test_the_client_in_cpp_counts_the_delay_too(program: Path, network: Network) -> None:  # noqa: F811
+def test_the_client_in_cpp_counts_the_delay_too(program: Path, network: Network) -> None:
     content = a_frame()
     with subprocess.Popen([program, network.address], stdout=subprocess.PIPE, text=True) as process:
         try:
