@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import pytest
@@ -57,6 +58,19 @@ def test_a_message_of_the_greatest_size_is_received(tmp_path: Path) -> None:
             # it is no message of this schema
             assert until(lambda: client.wait(0.05) is not None or client.stats.undecodable == 1, 60.0)
             assert (client.stats.messages, client.stats.undecodable) == (0, 1)
+
+
+def test_a_wait_without_an_end_returns_the_next_message(tmp_path: Path) -> None:
+    """It raised OverflowError."""
+    address, small = f"ipc://{tmp_path}/s", pb.PrismsFrame(schema_version=1)
+    small.publication.CopyFrom(pb.Publication(boot_id="far", number=1))
+    with zmq.Context() as context, context.socket(zmq.XPUB) as publisher:
+        publisher.setsockopt(zmq.XPUB_VERBOSE, 1)
+        publisher.bind(address)
+        with Subscriber(address) as client:
+            assert publisher.poll(60_000)
+            publisher.send(small.SerializeToString())
+            assert client.wait(math.inf) is not None
 
 
 def test_the_whole_world_of_the_default_configuration_fits() -> None:

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from google.protobuf.message import DecodeError
 
-from .clock import clock_ns
+from .clock import LONGEST_WAIT_S, clock_ns
 from .neighbours import NeighbourObstacles, no_obstacles
 from .proto import osape_v1_pb2 as pb
 from .receive_time import Delays
@@ -39,7 +39,7 @@ class NeighboursSubscriber(StreamSubscriber):
         """The newest obstacles, the moving ones where they are now. None of them: where the newest are older than timeout_s, the
         time on the network not counted, or where they stand in another section of the own world than `section`. wait_s: for a
         message."""
-        received = self._socket.take(round(1000 * wait_s))
+        received = self._socket.take(round(1000 * min(wait_s, LONGEST_WAIT_S)))
         if received is not None:
             self._take(*received)
         found = self._newest

@@ -23,7 +23,7 @@ from pathlib import Path
 
 from google.protobuf.message import DecodeError
 
-from .clock import clock_ns
+from .clock import clock_ns, deadline_ns
 from .decode import cause_code, model_from_message
 from .model import MOST_M, without_free
 from .proto import osape_v1_pb2 as pb
@@ -211,8 +211,8 @@ class Subscriber(StreamSubscriber):
         return self._newest
 
     def wait(self, timeout_s: float) -> Message | None:
-        """The next message; None when none comes within timeout_s."""
-        end_ns = clock_ns() + round(timeout_s * NS)
+        """The next message; None when none comes within timeout_s, a year at most."""
+        end_ns = deadline_ns(timeout_s)
         while True:
             left_ms = max(0, (end_ns - clock_ns()) // 1_000_000)
             if self._receive(left_ms):

@@ -14,7 +14,7 @@ from pathlib import Path
 
 from google.protobuf.message import DecodeError
 
-from .clock import clock_ns
+from .clock import clock_ns, deadline_ns
 from .proto import osape_v1_pb2 as pb
 from .receive_time import Delays, age_ns
 from .stream_subscriber import StreamSubscriber
@@ -63,8 +63,8 @@ class TracksSubscriber(StreamSubscriber):
         self._timeout_s = timeout_s
 
     def wait(self, timeout_s: float) -> ReceivedTracks | None:
-        """The next message; None when none comes within timeout_s."""
-        end_ns = clock_ns() + round(timeout_s * NS)
+        """The next message; None when none comes within timeout_s, a year at most."""
+        end_ns = deadline_ns(timeout_s)
         while True:
             received = self._socket.take(max(0, (end_ns - clock_ns()) // 1_000_000))
             if received is not None:

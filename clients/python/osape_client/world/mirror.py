@@ -22,7 +22,7 @@ import zmq
 from google.protobuf.message import DecodeError
 from numpy.typing import NDArray
 
-from ..clock import clock_ns
+from ..clock import clock_ns, deadline_ns
 from ..connect import MOST_WORLD_BYTES, connect
 from ..proto import osape_v1_pb2 as pb
 from ..receive_time import Delays, TimedSocket, age_ns
@@ -164,7 +164,7 @@ class WorldMirror:
 
     def update(self, timeout_s: float = 0.0) -> bool:
         """Applies all messages that have come; waits up to timeout_s until the copy can be used. Returns whether it can."""
-        end_ns = clock_ns() + round(timeout_s * NS)
+        end_ns = deadline_ns(timeout_s)
         while True:
             self._request_if_incomplete()
             while self._receive():
