@@ -15,12 +15,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from benchmarks.autopilot.px4_loop import NS, Px4Loop, Values, stick_at
+from benchmarks.autopilot.px4_position_mode import position_mode
 from companion.autopilot.failsafe import AutopilotNow, BlindPolicy, Policy, PolicyInput, policy_of
 from companion.autopilot.obstacle_distance import UNKNOWN, clear_cm
 from companion.autopilot.obstacle_memory import nothing_remembered
 from companion.autopilot.polar_histogram import SECTORS, scan
 from companion.config.avoidance import AvoidParams
-from drivers.simulation.firmware_models.px4_position_mode import position_mode
 
 AVOID = AvoidParams(max_distance_m=12.0)
 CP_DIST_M = 3.0

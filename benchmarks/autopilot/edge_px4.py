@@ -18,6 +18,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from benchmarks.autopilot.px4_loop import Px4Loop, Values, stick_at
+from benchmarks.autopilot.px4_position_mode import Px4Params, position_mode
 from companion.autopilot.camera_coverage import covered, looked_into, too_near_the_edge
 from companion.autopilot.failsafe import AutopilotNow, BlindPolicy, PolicyInput, braking_reach, policy_of
 from companion.autopilot.obstacle_memory import Here, ObstacleMemory
@@ -26,7 +27,6 @@ from companion.autopilot.view_free import View
 from companion.config.avoidance import AvoidParams
 from companion.pipeline.transform import LevelTransform
 from core.types import CameraInfo, CameraMount, FrameModel, FreeEnd, FreeProfile, Ground, Intrinsics
-from drivers.simulation.firmware_models.px4_position_mode import Px4Params, position_mode
 
 AVOID = AvoidParams(max_distance_m=12.0, rays=2, slices=4, step_m=0.5)
 CP_DIST_M, POLE_RADIUS_M = 2.0, 0.06

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.autopilot.auto_flight import AutoFlight
 from companion.autopilot.failsafe import AutopilotNow
 from companion.autopilot.line import AutopilotLine
 from companion.autopilot.obstacle_report import CameraUse
@@ -34,7 +35,6 @@ from drivers.mavlink.commands import (
 )
 from drivers.mavlink.dialect import dialect
 from drivers.mavlink.session_types import LinkStatus, Vehicle
-from drivers.simulation.firmware_models.auto_flight import AutoFlight
 from drivers.simulation.ray_caster import cast_rays
 from drivers.simulation.scenes import Scene
 from drivers.simulation.sensor_model import SensorModel, measure

@@ -19,12 +19,7 @@ from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
-from benchmarks.autopilot.guard_loop import NS, GuardLoop
-from benchmarks.autopilot.guard_scenes import Mission, clearance_m, random_mission, way_to_obstacle_m
-from companion.config.avoidance import AvoidParams
-from companion.config.guard import GuardParams
-from companion.guard.states import GuardState
-from drivers.simulation.firmware_models.auto_flight import (
+from benchmarks.autopilot.auto_flight import (
     COPTER_AUTO,
     COPTER_GUIDED,
     PX4_MISSION,
@@ -33,11 +28,16 @@ from drivers.simulation.firmware_models.auto_flight import (
     CopterAutoFlight,
     Px4AutoFlight,
 )
+from benchmarks.autopilot.guard_loop import NS, GuardLoop
+from benchmarks.autopilot.guard_scenes import Mission, clearance_m, random_mission, way_to_obstacle_m
+from benchmarks.autopilot.wind import Wind
+from companion.config.avoidance import AvoidParams
+from companion.config.guard import GuardParams
+from companion.guard.states import GuardState
 from drivers.simulation.scene_library import make_scene
 from drivers.simulation.scenes import Scene
 from drivers.simulation.sensor_model import TYPICAL
 from drivers.simulation.source import camera_info
-from drivers.simulation.wind import Wind
 
 LONGEST_S = 60.0
 SIDE_SPARE_M = 0.25

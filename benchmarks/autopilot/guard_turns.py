@@ -18,11 +18,11 @@ from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
+from benchmarks.autopilot.auto_flight import Yaw
 from benchmarks.autopilot.guard_loop import NS, GuardLoop
 from benchmarks.autopilot.guard_missions import flight_of
 from benchmarks.autopilot.guard_scenes import Mission, add_obstacle, clearance_m
 from companion.config.guard import GuardParams
-from drivers.simulation.firmware_models.auto_flight import Yaw
 from drivers.simulation.scenes import SceneBuilder
 from drivers.simulation.sensor_model import TYPICAL
 from drivers.simulation.source import camera_info

@@ -9,9 +9,9 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.autopilot.px4_position_mode import PositionMode
 from companion.autopilot.obstacle_distance import BrakingReach, for_reader, obstacle_distance_message
 from companion.config.avoidance import AvoidParams
-from drivers.simulation.firmware_models.px4_position_mode import PositionMode
 
 NS = 1_000_000_000
 STEP_NS = NS // 50

@@ -12,8 +12,8 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.autopilot.px4_position_mode import PositionMode, Px4Params, position_mode
 from drivers.simulation.firmware_models.ardupilot import ArduPilotReader
-from drivers.simulation.firmware_models.px4_position_mode import PositionMode, Px4Params, position_mode
 
 MARGIN_M = 3.0
 """CP_DIST and AVOID_MARGIN."""

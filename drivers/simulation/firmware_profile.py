@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from ..mavlink.session_types import PX4
-from .firmware_models.auto_flight import AutoFlight
+from .firmware_models.timed_flight import CommandedFlight
 from .flight_path import VehicleState
 
 
@@ -50,4 +50,4 @@ class FirmwareProfile:
     landed_state: int = 0  # MAV_LANDED_STATE; 0: unknown
     proximity_started: bool = True  # PRX1_TYPE was set when it started
     # it flies by itself, by its mode and by commands; mode and motion are then those of the flight
-    flight: AutoFlight | None = None
+    flight: CommandedFlight | None = None

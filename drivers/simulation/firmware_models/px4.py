@@ -2,7 +2,7 @@
 
 The map has 72 bins of 5 degrees in PX4 v1.16 and 36 bins of 10 degrees up to v1.15, clockwise from the nose. A bin reads the
 element of OBSTACLE_DISTANCE at its own angle; 65535 leaves the bin unchanged until its value is 0.5 s old. The reaction of the
-vehicle in Position mode is modelled in `px4_position_mode`. Not modelled: DISTANCE_SENSOR, messages in a frame aligned with north.
+vehicle in Position mode is modelled in `benchmarks.autopilot.px4_position_mode`. Not modelled: DISTANCE_SENSOR, messages in a frame aligned with north.
 
 Source: CollisionPrevention.cpp of PX4 v1.14.3 (equal in v1.15.4) and v1.16.0. Later versions enter each element that overlaps a
 bin, the last one stays: with elements of 5 degrees the same.

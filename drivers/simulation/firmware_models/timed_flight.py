@@ -1,22 +1,40 @@
-"""An `AutoFlight` by the instants of a link: it flies up to each instant, and answers commands."""
+"""A vehicle that flies by itself, by the instants of a link: it flies up to each instant, and answers commands."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Protocol
 
 from ...mavlink.dialect import dialect
-from .auto_flight import AutoFlight
+from ..flight_path import VehicleState
 
 NS = 1_000_000_000
 STEP_NS = 20_000_000
+
+
+class CommandedFlight(Protocol):
+    """A vehicle that flies by itself, by its mode and by commands."""
+
+    mode: int  # as in HEARTBEAT
+
+    def step(self, dt_s: float) -> None:
+        """Flies for a short time, 20 ms or less."""
+        ...
+
+    def command(self, message: Any) -> int | None:
+        """MAV_RESULT of a COMMAND_LONG; None: no answer."""
+        ...
+
+    def state(self) -> VehicleState:
+        """Position, velocity, attitude and body rates."""
+        ...
 
 
 @dataclass(slots=True)
 class TimedFlight:
     """A flight that follows the clock."""
 
-    flight: AutoFlight | None  # as it is at the newest instant. None: there is none, and nothing is answered.
+    flight: CommandedFlight | None  # as it is at the newest instant. None: there is none, and nothing is answered.
     _now_ns: int = field(default=0)
 
     def until(self, now_ns: int) -> None:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from benchmarks.autopilot.blind_px4 import VERSIONS, stopped
-from drivers.simulation.firmware_models.px4_position_mode import Px4Params, drag_m_s2
+from benchmarks.autopilot.px4_position_mode import Px4Params, drag_m_s2
 from tests.nightly import nightly
 
 STICKS = [(1.0, 30.0), (0.1, 0.0), *nightly((1.0, 0.0), (0.4, -30.0))]

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from benchmarks.autopilot.auto_flight import COPTER_AUTO, COPTER_BRAKE, COPTER_LOITER, PX4_HOLD, Yaw
 from benchmarks.autopilot.guard_loop import NS, GuardLoop
 from benchmarks.autopilot.guard_missions import Flown, flight_of, fly
 from benchmarks.autopilot.guard_scenes import Mission, clearance_m, way_to_obstacle_m
@@ -16,7 +17,6 @@ from benchmarks.autopilot.guard_turns import Course, fly_turn
 from companion.config.avoidance import AvoidParams
 from companion.config.guard import GuardParams
 from companion.guard.states import GuardState
-from drivers.simulation.firmware_models.auto_flight import COPTER_AUTO, COPTER_BRAKE, COPTER_LOITER, PX4_HOLD, Yaw
 from drivers.simulation.scenes import Scene, SceneBuilder
 from drivers.simulation.sensor_model import TYPICAL
 from drivers.simulation.source import camera_info

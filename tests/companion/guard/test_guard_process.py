@@ -13,10 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from drivers.mavlink.commands import COPTER_BRAKE, COPTER_LOITER, DO_CHANGE_SPEED, DO_SET_MODE
-from drivers.simulation.autopilot import ARDUPILOT, PX4, SimulatedAutopilot
-from drivers.simulation.autopilot_link import AutopilotLink
-from drivers.simulation.firmware_models.auto_flight import (
+from benchmarks.autopilot.auto_flight import (
     COPTER_AUTO,
     PX4_HOLD,
     PX4_MISSION,
@@ -24,6 +21,9 @@ from drivers.simulation.firmware_models.auto_flight import (
     CopterAutoFlight,
     Px4AutoFlight,
 )
+from drivers.mavlink.commands import COPTER_BRAKE, COPTER_LOITER, DO_CHANGE_SPEED, DO_SET_MODE
+from drivers.simulation.autopilot import ARDUPILOT, PX4, SimulatedAutopilot
+from drivers.simulation.autopilot_link import AutopilotLink
 from drivers.simulation.firmware_profile import FirmwareProfile
 from tests.ports import free_port
 from tests.waiting import until

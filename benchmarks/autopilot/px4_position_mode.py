@@ -19,7 +19,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from .px4 import UNKNOWN, Px4Reader
+from drivers.simulation.firmware_models.px4 import UNKNOWN, Px4Reader
 
 Vector = NDArray[np.float64]
 NS = 1_000_000_000

@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...mavlink.commands import (
+from drivers.mavlink.commands import (
     CHANGE_MODE_FLAG,
     COPTER_BRAKE,
     COPTER_LOITER,
@@ -34,9 +34,10 @@ from ...mavlink.commands import (
     PX4_AUTO_LOITER,
     px4_mode_number,
 )
-from ..flight_path import VehicleState, body_rates
-from ..wind import Wind, WindPush
+from drivers.simulation.flight_path import VehicleState, body_rates
+
 from .px4_position_mode import ATTITUDE_LAG_S, GRAVITY_M_S2, shortened, speed_from_distance_m_s
+from .wind import Wind, WindPush
 
 Vector = NDArray[np.float64]
 DRAG_PER_S = 0.15

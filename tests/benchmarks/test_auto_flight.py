@@ -8,10 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from drivers.mavlink import commands
-from drivers.mavlink.dialect import dialect
-from drivers.simulation.autopilot import ARDUPILOT, SimulatedAutopilot
-from drivers.simulation.firmware_models.auto_flight import (
+from benchmarks.autopilot.auto_flight import (
     ACCEPTED,
     COPTER_AUTO,
     COPTER_GUIDED,
@@ -26,9 +23,12 @@ from drivers.simulation.firmware_models.auto_flight import (
     Px4AutoFlight,
     Yaw,
 )
-from drivers.simulation.firmware_models.px4_position_mode import GRAVITY_M_S2
+from benchmarks.autopilot.px4_position_mode import GRAVITY_M_S2
+from benchmarks.autopilot.wind import Wind
+from drivers.mavlink import commands
+from drivers.mavlink.dialect import dialect
+from drivers.simulation.autopilot import ARDUPILOT, SimulatedAutopilot
 from drivers.simulation.firmware_profile import FirmwareProfile
-from drivers.simulation.wind import Wind
 
 FAR = np.array([[300.0, 0.0]])
 
