@@ -23,7 +23,7 @@ from benchmarks.open_air.view_options import words
 from companion.argument_parser import ArgumentParser
 from drivers.simulation.scenes import SceneBuilder
 from drivers.simulation.stereo.sky import SKIES
-from drivers.simulation.stereo.stereo_scenes import StereoScene, surfaces_of
+from drivers.simulation.stereo.stereo_scene import StereoScene, surfaces_of
 
 AHEAD_M, HEIGHT_M, CROSSING_M, TOWARDS_M = 16.0, 2.0, 60.0, 24.0
 TURN_RAD_S = math.radians(45.0)

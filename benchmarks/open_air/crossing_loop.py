@@ -32,7 +32,7 @@ from core.params import Params
 from core.types import AttitudeSample, DepthFrame, PoseSample
 from drivers.simulation.source import Rendered, Truth
 from drivers.simulation.stereo.stereo_profiles import StereoCamera, StereoProfile
-from drivers.simulation.stereo.stereo_scenes import StereoScene
+from drivers.simulation.stereo.stereo_scene import StereoScene
 
 NS, MS = 1_000_000_000, 1_000_000
 TICK_NS, FRAME_NS, DECIDE_NS, LATE_NS = 20 * MS, 100 * MS, 60 * MS, 70 * MS

@@ -14,7 +14,7 @@ from drivers.simulation.scenes import SceneBuilder
 from drivers.simulation.stereo.exposure import Exposure
 from drivers.simulation.stereo.shading import Surfaces
 from drivers.simulation.stereo.sky import CLEAR, HAZY
-from drivers.simulation.stereo.stereo_scenes import StereoScene, surfaces_of
+from drivers.simulation.stereo.stereo_scene import StereoScene, surfaces_of
 from drivers.simulation.stereo.textures import ASPHALT, GRASS, GRAVEL, Material
 
 _GROUNDS = (GRASS, GRASS, ASPHALT, GRAVEL)

@@ -5,12 +5,13 @@ from __future__ import annotations
 import argparse
 from collections.abc import Iterator, Sequence
 
+from benchmarks.open_air.stereo_profiles import PROFILES
+from benchmarks.open_air.stereo_scenes import STEREO_SCENES
 from benchmarks.open_air.views import Seen, View, see
 from companion.argument_parser import ArgumentParser
 from core.extractor import Extractor
 from drivers.simulation.stereo.sky import SKIES
-from drivers.simulation.stereo.stereo_profiles import PROFILES, StereoCamera
-from drivers.simulation.stereo.stereo_scenes import STEREO_SCENES
+from drivers.simulation.stereo.stereo_profiles import StereoCamera
 
 INDOOR = ("white_room",)
 REFUSING = ("field", "hill_crest", "meadow_by_wood", "street", "field_with_trees", "roof_edge")

@@ -10,14 +10,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.open_air.stereo_profiles import PROFILES
+from benchmarks.open_air.stereo_scenes import make_stereo_scene
 from core.extractor import Extractor
 from core.frames import R_CAMFRD_OPTICAL, rotation_from_euler, rotation_level_cam_optical
 from core.types import CameraInfo, ExtractorState, FrameModel
 from drivers.simulation.source import Rendered, look
 from drivers.simulation.stereo.pair_renderer import PairBrightness, StereoPair, expose_pair
 from drivers.simulation.stereo.sky import SKIES
-from drivers.simulation.stereo.stereo_profiles import PROFILES, StereoCamera, StereoProfile
-from drivers.simulation.stereo.stereo_scenes import StereoScene, make_stereo_scene
+from drivers.simulation.stereo.stereo_profiles import StereoCamera, StereoProfile
+from drivers.simulation.stereo.stereo_scene import StereoScene
 
 FRAMES = 2
 """The second of two frames is judged, as in the fidelity run."""

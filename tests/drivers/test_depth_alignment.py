@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from benchmarks.open_air.stereo_profiles import OAK
+from benchmarks.open_air.stereo_scenes import make_stereo_scene
 from core.frames import R_CAMFRD_OPTICAL, rotation_from_euler
 from drivers.base import BadData
 from drivers.cameras import depth_alignment
 from drivers.cameras.depth_alignment import DepthAlignment, alignment_pixels
 from drivers.cameras.stereo import MatchParams, depth_mm
-from drivers.simulation.stereo.census_matching import census_disparity
-from drivers.simulation.stereo.stereo_profiles import OAK, StereoCamera
-from drivers.simulation.stereo.stereo_scenes import make_stereo_scene
+from drivers.simulation.stereo.stereo_profiles import StereoCamera
 from tests.nightly import nightly
 
 from .test_device_matches import F_B_PX_M, device_depth, scene
@@ -35,12 +35,12 @@ def rendered(name: str) -> tuple[Image, Image]:
 @cache
 def matched(name: str, side: str) -> NDArray[np.uint16]:
     """(H, W) uint16 mm as a device matches it, aligned with an image."""
-    assert OAK.census is not None
+    assert OAK.device is not None
     left, right = rendered(name)
     if side == "left":
-        return depth_mm(census_disparity(left, right, OAK.census), VIEW_F_B_PX_M)
+        return depth_mm(OAK.device.disparity(left, right), VIEW_F_B_PX_M)
     mirrored = (np.ascontiguousarray(image[:, ::-1]) for image in (right, left))
-    return depth_mm(census_disparity(*mirrored, OAK.census), VIEW_F_B_PX_M)[:, ::-1].copy()
+    return depth_mm(OAK.device.disparity(*mirrored), VIEW_F_B_PX_M)[:, ::-1].copy()
 
 
 @pytest.mark.parametrize("name", ["street", *nightly("white_room")])

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from benchmarks.open_air.stereo_scenes import make_stereo_scene
 from core.frames import R_CAMFRD_OPTICAL, rotation_from_euler
 from core.types import is_measured
 from drivers.base import BadData
@@ -29,7 +30,6 @@ from drivers.cameras.zed_uvc import ZedSettings, ZedSource, halves
 from drivers.simulation.stereo.pair_renderer import PairBrightness, StereoPair, brightness, expose_pair
 from drivers.simulation.stereo.shading import Light
 from drivers.simulation.stereo.stereo_profiles import ZED, StereoCamera
-from drivers.simulation.stereo.stereo_scenes import make_stereo_scene
 from tests.nightly import nightly
 
 K = ZED.view.intrinsics

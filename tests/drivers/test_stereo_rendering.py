@@ -8,6 +8,8 @@ import cv2
 import numpy as np
 import pytest
 
+from benchmarks.open_air.stereo_profiles import PROFILES
+from benchmarks.open_air.stereo_scenes import STEREO_SCENES, make_stereo_scene
 from core.frames import R_CAMFRD_OPTICAL, rotation_from_euler
 from core.types import Intrinsics
 from drivers.simulation.scenes import SceneBuilder
@@ -21,8 +23,8 @@ from drivers.simulation.stereo.pair_renderer import (
 )
 from drivers.simulation.stereo.shading import Light, Projector, Surfaces, radiance
 from drivers.simulation.stereo.sky import CLEAR, CLOUDED, HAZY, LOW_SUN, Sky
-from drivers.simulation.stereo.stereo_profiles import PROFILES, StereoCamera
-from drivers.simulation.stereo.stereo_scenes import STEREO_SCENES, make_stereo_scene, surfaces_of
+from drivers.simulation.stereo.stereo_profiles import StereoCamera
+from drivers.simulation.stereo.stereo_scene import surfaces_of
 from drivers.simulation.stereo.textures import (
     ASPHALT,
     BLANK_PAINT,

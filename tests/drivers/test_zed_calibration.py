@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
+from benchmarks.open_air.stereo_scenes import make_stereo_scene
 from core.frames import R_CAMFRD_OPTICAL, rotation_from_euler
 from core.types import Intrinsics
 from drivers.base import BadData, DeviceNotFound
@@ -21,7 +22,6 @@ from drivers.cameras.zed_calibration import (
 )
 from drivers.cameras.zed_uvc import halves
 from drivers.simulation.stereo.stereo_profiles import ZED, StereoCamera
-from drivers.simulation.stereo.stereo_scenes import make_stereo_scene
 from tests.nightly import nightly
 
 from .zed_images import NEW, OLD, pair

@@ -14,7 +14,7 @@ from ..scenes import Scene
 from .pair_renderer import StereoView
 from .sky import CLEAR
 from .stereo_profiles import ZED, StereoCamera, StereoProfile
-from .stereo_scenes import StereoScene, surfaces_of
+from .stereo_scene import StereoScene, surfaces_of
 from .textures import Floats
 
 BASELINE_M = 0.12

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import cv2
 import numpy as np
@@ -152,8 +152,3 @@ def expose_pair(bright: PairBrightness, exposure: Exposure, seed: int, frame: in
     if bright.view is not None:
         left, right = bright.view.rectified(left, 0), bright.view.rectified(right, 1)
     return StereoPair(left=left, right=right)
-
-
-def with_noise(view: StereoView, noise_grey: float) -> StereoView:
-    """The same camera with another noise."""
-    return replace(view, exposure=replace(view.exposure, noise_grey=noise_grey))

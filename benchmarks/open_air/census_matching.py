@@ -11,8 +11,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from .exposure import Gray
-from .textures import kernel
+from drivers.simulation.stereo.exposure import Gray
+from drivers.simulation.stereo.textures import kernel
 
 _NONE = -1.0
 
@@ -35,6 +35,10 @@ class CensusParams:
     check_px: float = 1.0  # left and right agree within
     subpixel_bits: int = 3  # steps of 1 / 2^bits px (5 by default in DepthAI 3.12 and in a D400)
     speckle_px: int = 0  # smaller patches are dropped, 0 none
+
+    def disparity(self, left: Gray, right: Gray) -> NDArray[np.float32]:
+        """(H, W) float32 px of a rectified pair, -1: no match."""
+        return census_disparity(left, right, self)
 
 
 @kernel

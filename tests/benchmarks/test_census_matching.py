@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from drivers.simulation.stereo.census_matching import CensusParams, census_disparity
+from benchmarks.open_air.census_matching import CensusParams, census_disparity
 
 WIDTH, HEIGHT = 120, 64
 PARAMS = CensusParams(disparities=32)
