@@ -122,8 +122,6 @@ lock: ## rewrite the lock files from pyproject.toml and .ci/constraints.txt (nee
 	@bash .ci/make-lock
 
 reference-tables: $(STAMP) ## rewrite the tables of docs/reference that are made from the code
-	@$(BIN)/python -m companion.config.docs docs/reference/configuration.md
-	@$(BIN)/python -m companion.live.diagnostic_docs docs/reference/diagnostics.md
 	@$(BIN)/python -m tests.companion.reference_tables
 
 clean: ## delete the environment and what demo and tests left (compiled kernels: ~/.cache/osape-companion)

@@ -9,7 +9,7 @@ from osape_client.proto import osape_v1_pb2 as pb
 
 
 class DiagnosticCode(Code):
-    """The codes of `osape.v1.Diagnostic` and their meaning. `companion.live.diagnostic_docs` has the remedies and writes
+    """The codes of `osape.v1.Diagnostic` and their meaning. tests/companion/diagnostic_tables.py has the remedies for
     docs/reference/diagnostics.md."""
 
     STARTING = "starting", "the service is starting; nothing is detected yet"

@@ -27,9 +27,11 @@ from core.sharing.obstacles import PlacementState
 from drivers.logs.topics import TOPICS
 
 from ..conftest import CHECKOUT
+from . import configuration_tables, diagnostic_tables
 
 PAGES: Final = tuple(
-    CHECKOUT / "docs" / "reference" / name for name in ("messages.md", "batch.md", "commands.md", "sharing.md")
+    CHECKOUT / "docs" / "reference" / f"{name}.md"
+    for name in ("messages", "batch", "commands", "sharing", "configuration", "diagnostics")
 )
 PROTO: Final = CHECKOUT / "clients" / "python" / "osape_client" / "proto" / "osape_v1.proto"
 BLOCK: Final = re.compile(r"(<!-- (\w+) ?([^:\n]*): made by `make reference-tables` -->\n).*?(<!-- end -->)", re.DOTALL)
@@ -177,9 +179,41 @@ def _commands(group: str) -> Iterator[tuple[str, str, str]]:
         yield usage, command.purpose, ", ".join(f"`{o}`" for o in options if o not in ("-h", "--json"))
 
 
-KINDS: Final[dict[str, Callable[[str], str]]] = {
-    kind.__name__: kind for kind in (fields, messages, enum, codes, topics, columns, conditions, commands)
-}
+def settings(_names: str) -> str:
+    """The keys of all sections of a configuration."""
+    return configuration_tables.settings()
+
+
+def diagnostics(_names: str) -> str:
+    """The diagnostics, by group."""
+    head = ("code", "meaning", "likely cause, remedy")
+    groups = {group: list(diagnostic_tables.diagnostics(group)) for group in diagnostic_tables.REMEDIES}
+    return "\n\n".join(f"### {group}\n\n{_table(head, rows)}" for group, rows in groups.items())
+
+
+def causes(_names: str) -> str:
+    """The causes of an invalid frame."""
+    return _table(("code", "number", "meaning"), list(diagnostic_tables.causes()))
+
+
+def offsets(_names: str) -> str:
+    """The states of a measured exposure time offset."""
+    return _table(("code", "number", "meaning"), list(diagnostic_tables.offsets()))
+
+
+def anomalies(_names: str) -> str:
+    """The anomalies of the link to the autopilot."""
+    return _table(("code", "counts"), list(diagnostic_tables.anomalies()))
+
+
+def metrics(_names: str) -> str:
+    """The metrics for Prometheus."""
+    return _table(("metric (prefix `osape_`)", "labels", "meaning"), list(diagnostic_tables.metrics()))
+
+
+_KINDS = (fields, messages, enum, codes, topics, columns, conditions, commands, settings)
+_DIAGNOSTICS = (diagnostics, causes, offsets, anomalies, metrics)
+KINDS: Final[dict[str, Callable[[str], str]]] = {kind.__name__: kind for kind in (*_KINDS, *_DIAGNOSTICS)}
 
 
 def with_tables(page: str) -> str:

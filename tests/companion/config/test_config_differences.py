@@ -8,12 +8,13 @@ import pytest
 
 from companion.config.camera import CameraConfig
 from companion.config.differences import differences, expert_lines
-from companion.config.docs import tables
 from companion.config.loader import Config, ConfigError, config_from_text, config_of
 from companion.config.sections import SECTIONS, fields_of
 from companion.doctor.doctor import config_findings
 from companion.log.provenance import run_info
 from core.param_field import is_safety_key
+
+from ..configuration_tables import settings
 
 MARKED = {
     "extractor": {"max_tilt_deg", "min_obstacle_height_m"},
@@ -52,7 +53,7 @@ def test_the_defaults_do_not_differ() -> None:
 
 
 def test_marked_keys_in_the_documentation() -> None:
-    rows = {row.split("|")[1].strip(): row for row in tables().splitlines() if row.startswith("| `")}
+    rows = {row.split("|")[1].strip(): row for row in settings().splitlines() if row.startswith("| `")}
     assert rows["`max_flying_share`"].endswith("| yes |")
     assert rows["`zstd_level`"].endswith("|  |")
 

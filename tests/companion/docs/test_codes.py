@@ -13,7 +13,6 @@ from google.protobuf.internal.enum_type_wrapper import EnumTypeWrapper
 from companion.autopilot.conflict_codes import CONFLICT_CODES
 from companion.cameras.status import CameraCondition
 from companion.diagnostic import Diagnostic, DiagnosticCode
-from companion.live.diagnostic_docs import DOCTOR_ONLY, REMEDIES, TABLES, with_tables
 from companion.live.health import latency_message
 from companion.live.message_json import message_json
 from companion.live.prometheus import families
@@ -31,7 +30,9 @@ from drivers.mavlink.conflicts import RECENT_NS, ConflictDetector
 from osape_client.decode import cause_code
 from osape_client.proto import osape_v1_pb2 as pb
 
+from ..diagnostic_tables import DOCTOR_ONLY, REMEDIES
 from ..live.test_status import report
+from ..reference_tables import metrics
 
 DOCS = Path(__file__).resolve().parents[3] / "docs" / "reference"
 NOTHING = {"UNKNOWN", "NONE"}
@@ -88,13 +89,6 @@ def test_every_code_is_documented_in_a_table(kind: Any) -> None:
     assert {str(code) for code in kind if code} - rows == set()
 
 
-def test_the_page_holds_the_tables_of_the_codes() -> None:
-    text = (DOCS / "diagnostics.md").read_text(encoding="utf-8")
-    assert text == with_tables(text), "run `make reference-tables`"
-    with pytest.raises(ValueError, match="needs the lines"):
-        with_tables(text.replace("<!-- table: metrics -->", ""))
-
-
 def test_every_diagnostic_has_one_remedy() -> None:
     documented = [code for remedies in REMEDIES.values() for code in remedies]
     assert sorted(documented) == sorted(DiagnosticCode)
@@ -111,7 +105,7 @@ def test_the_codes_that_only_doctor_reports_are_marked() -> None:
 
 
 def test_the_table_of_metrics_names_each_label() -> None:
-    table = TABLES["metrics"]()
+    table = metrics("")
     named = set(re.findall(r"^\| `(\w+)` \|", table, re.MULTILINE))
     assert named == {name for name, _, _, _ in families(report())}
     assert "| `latency_seconds` | `stage`, `quantile` |" in table

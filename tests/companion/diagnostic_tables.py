@@ -1,21 +1,18 @@
-"""The tables of docs/reference/diagnostics.md, made from the codes themselves (`make reference-tables`)."""
+"""The rows of the tables of docs/reference/diagnostics.md, from the codes themselves; `reference_tables` writes them."""
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Callable, Iterable, Mapping
-from pathlib import Path
+from collections.abc import Iterator, Mapping
 from typing import Final
 
+from companion.diagnostic import DiagnosticCode as D
+from companion.live.prometheus import families
+from companion.pipeline.sync import DropCause
+from companion.self_check.exposure_offset import STATE_TEXTS
 from core.codes import Code
 from core.types import InvalidCause
 from drivers.mavlink.anomalies import LinkAnomaly
 from osape_client.proto import osape_v1_pb2 as pb
-
-from ..diagnostic import DiagnosticCode as D
-from ..pipeline.sync import DropCause
-from ..self_check.exposure_offset import STATE_TEXTS
-from .prometheus import families
 
 REMEDIES: Final[Mapping[str, Mapping[D, str]]] = {
     "Service": {
@@ -163,55 +160,39 @@ DOCTOR_ONLY: Final = frozenset(
 """Codes that the service does not report."""
 
 
-def _table(head: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
-    titles = list(head)
-    lines = [[cell.replace("|", "\\|") for cell in row] for row in (titles, *rows)]
-    text = [f"| {' | '.join(line)} |" for line in lines]
-    return "\n".join([text[0], "|---" * len(titles) + "|", *text[1:]])
+Rows = Iterator[tuple[str, ...]]
 
 
-def _diagnostics() -> str:
-    parts = []
-    for group, remedies in REMEDIES.items():
-        rows = [
-            (f"`{code}`", code.text + (" (`doctor` only)" if code in DOCTOR_ONLY else ""), remedy)
-            for code, remedy in remedies.items()
-        ]
-        parts.append(f"### {group}\n\n{_table(('code', 'meaning', 'likely cause, remedy'), rows)}")
-    return "\n\n".join(parts)
+def diagnostics(group: str) -> Rows:
+    """Code, meaning, likely cause and remedy of the diagnostics of a group."""
+    for code, remedy in REMEDIES[group].items():
+        yield f"`{code}`", code.text + (" (`doctor` only)" if code in DOCTOR_ONLY else ""), remedy
 
 
-def _causes() -> str:
+def causes() -> Rows:
+    """Code, number and meaning of the causes of an invalid frame."""
     kinds: tuple[type[Code], ...] = (InvalidCause, DropCause)
-    rows = [(code, code.text) for kind in kinds for code in kind if code]
     camera = "no frame of the camera can be used; `cause_text` says why (live streams only)"
-    return _table(
-        ("code", "number", "meaning"),
-        [
-            (f"`{code}`", str(pb.Cause.Value(f"CAUSE_{code.upper()}")), text)
-            for code, text in [*rows, ("camera", camera)]
-        ],
-    )
+    for code, text in [*((code, code.text) for kind in kinds for code in kind if code), ("camera", camera)]:
+        yield f"`{code}`", str(pb.Cause.Value(f"CAUSE_{code.upper()}")), text
 
 
-def _offsets() -> str:
-    rows = [
-        (f"`{state}`", str(pb.ExposureOffset.State.Value(f"STATE_{state.name}")), text)
-        for state, text in STATE_TEXTS.items()
-    ]
-    return _table(("code", "number", "meaning"), rows)
+def offsets() -> Rows:
+    """Code, number and meaning of the states of a measured exposure time offset."""
+    for state, text in STATE_TEXTS.items():
+        yield f"`{state}`", str(pb.ExposureOffset.State.Value(f"STATE_{state.name}")), text
 
 
-def _anomalies() -> str:
-    return _table(("code", "counts"), [(f"`{code}`", code.text) for code in LinkAnomaly])
+def anomalies() -> Rows:
+    """Code of each anomaly of the link, and what it counts."""
+    for code in LinkAnomaly:
+        yield f"`{code}`", code.text
 
 
-def _metrics() -> str:
-    rows = []
+def metrics() -> Rows:
+    """Name, labels and meaning of each metric."""
     for name, _kind, meaning, samples in families(_full_report()):
-        labels = ", ".join(f"`{label}`" for label in samples[0][0])
-        rows.append((f"`{name}`", labels, meaning))
-    return _table(("metric (prefix `osape_`)", "labels", "meaning"), rows)
+        yield f"`{name}`", ", ".join(f"`{label}`" for label in samples[0][0]), meaning
 
 
 def _full_report() -> pb.Health:
@@ -226,30 +207,3 @@ def _full_report() -> pb.Health:
     report.latencies.add(stage="extract")
     report.temperatures.add(sensor="cpu")
     return report
-
-
-TABLES: Final[Mapping[str, Callable[[], str]]] = {
-    "diagnostics": _diagnostics,
-    "causes": _causes,
-    "offsets": _offsets,
-    "anomalies": _anomalies,
-    "metrics": _metrics,
-}
-
-
-def with_tables(text: str) -> str:
-    """The page with each part between `<!-- table: NAME -->` and `<!-- end -->` replaced.
-
-    Raises ValueError where the page lacks a part."""
-    for name, table in TABLES.items():
-        head, mark, rest = text.partition(f"<!-- table: {name} -->\n")
-        _, end, tail = rest.partition("\n<!-- end -->")
-        if not mark or not end:
-            raise ValueError(f"the document needs the lines <!-- table: {name} --> and <!-- end -->")
-        text = f"{head}{mark}{table()}{end}{tail}"
-    return text
-
-
-if __name__ == "__main__":
-    document = Path(sys.argv[1])
-    document.write_text(with_tables(document.read_text(encoding="utf-8")), encoding="utf-8")

@@ -1,17 +1,13 @@
-"""The tables of docs/reference/configuration.md, made from the parameters themselves (`make reference-tables`)."""
+"""The tables of docs/reference/configuration.md, from the parameters themselves; `reference_tables` writes them."""
 
 from __future__ import annotations
 
-import sys
 from dataclasses import MISSING, Field
-from pathlib import Path
 from typing import Any
 
+from companion.config.sections import SECTIONS, expected, fields_of
 from core.param_field import is_safety_key
 
-from .sections import SECTIONS, expected, fields_of
-
-BEGIN, END = "<!-- tables: made by `make reference-tables` -->", "<!-- end of the tables -->"
 TITLES = {
     "extractor": "`[extractor]`: sizes of the vehicle and its surroundings",
     "expert": "`[expert]`: constants of the algorithm",
@@ -45,7 +41,7 @@ FIRST = ("camera", "extractor", "autopilot", "avoid", "guard", "publish", "recor
 """Sections that users set come first in the document, the expert section comes last."""
 
 
-def tables() -> str:
+def settings() -> str:
     """Markdown of all sections: key, default, what may stand there, meaning, whether it is a safety key."""
     parts: list[str] = []
     for section in (*FIRST, *(s for s in SECTIONS if s not in (*FIRST, "expert")), "expert"):
@@ -58,7 +54,7 @@ def tables() -> str:
         ]
         parts += [_row(f) for f in fields_of(section)]
         parts.append("")
-    return "\n".join(parts)
+    return "\n".join(parts).rstrip()
 
 
 def _row(f: Field[Any]) -> str:
@@ -78,16 +74,3 @@ def _range(f: Field[Any]) -> str:
     """What may stand there, shorter than in an error; nothing for a switch, whose default shows its kind."""
     text = expected(f)
     return {"true or false": "", "a text in quotes": "text"}.get(text, text.replace("a whole number", "integer"))
-
-
-def with_tables(text: str) -> str:
-    """A document with new tables between its two marks. Raises ValueError where the marks are missing."""
-    if BEGIN not in text or END not in text:
-        raise ValueError(f"the document needs the lines {BEGIN} and {END}")
-    head, rest = text.split(BEGIN, 1)
-    return f"{head}{BEGIN}\n\n{tables()}\n{END}{rest.split(END, 1)[1]}"
-
-
-if __name__ == "__main__":
-    document = Path(sys.argv[1])
-    document.write_text(with_tables(document.read_text(encoding="utf-8")), encoding="utf-8")
