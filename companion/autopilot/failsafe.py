@@ -55,6 +55,8 @@ APPROACH_S = 1.5
 brakes for an obstacle from there: 1 / MPC_XY_P (0.95) + CP_DELAY (0.4 s) + the age of the data."""
 GROUND_CM = 75
 """On the ground, nearer distances are sent as not seen. ArduPilot refuses to arm if anything is nearer than 60 cm."""
+CP_DIST_M = 3.0
+"""CP_DIST of the wall while it is not known, and heartbeats of PX4 and of another autopilot contradict each other."""
 OUTSIDE_CP_DIST_M = 0.02
 """Distance of the wall for PX4 beyond CP_DIST, so that rounding does not put it inside. PX4 v1.15 then creeps at 0.01
 m/s."""
@@ -120,7 +122,7 @@ def policy_of(avoid: AvoidParams, autopilot: AutopilotNow) -> Policy:
     if not autopilot.may_be_px4:
         return Policy("stop", ardupilot_m)
     # nearer than CP_DIST, PX4 v1.16 flies backwards: the farther wall is the safe one for both
-    outside_m = px4_m if px4_m is not None else avoid.cp_dist_m + OUTSIDE_CP_DIST_M
+    outside_m = px4_m if px4_m is not None else CP_DIST_M + OUTSIDE_CP_DIST_M
     if autopilot.kind == PX4:
         return Policy("stop", outside_m, all_around=True)
     if px4_m is None and autopilot.margin_m is not None and autopilot.margin_is_read:

@@ -12,6 +12,7 @@ from core.types import AttitudeSample, CameraInfo, PoseSample
 from ..config.sync import SyncParams
 from ..pipeline.multi_camera import compose, transform_to_level
 from ..pipeline.results import PrismsResult
+from ..pipeline.sample_buffer import HELD
 from ..pipeline.sync import AttitudeAt, PoseAt, Synchroniser
 from ..pipeline.transform import LevelTransform, transform_model
 from .obstacle_memory import Here
@@ -20,9 +21,7 @@ from .view_free import View
 NS = 1_000_000_000
 GRAVITY_M_S2 = 9.81
 STEEPEST_RAD = math.radians(75.0)
-MOTION = SyncParams(
-    max_gap_s=0.3, max_extrapolation_s=0.15, pose_max_gap_s=0.5, pose_max_extrapolation_s=0.3, max_clock_error_m=5.0
-)
+MOTION = SyncParams(max_gap_s=0.3, max_extrapolation_s=0.15, pose_max_extrapolation_s=0.3, max_clock_error_m=5.0)
 """Limits within which attitude and position are interpolated or extrapolated to the moment of sending. Outside of
 them the vehicle's heading is unknown. A constant error of the timestamps cancels out in the distance flown, by which
 remembered obstacles are moved: positions are used in fast flight too."""
@@ -37,7 +36,7 @@ class VehicleMotion:
     newest_pose: PoseSample | None = None
     _here_ns: int = 0
     _sync: Synchroniser = field(default_factory=lambda: Synchroniser(MOTION))
-    _waiting: deque[AttitudeSample | PoseSample] = field(default_factory=lambda: deque(maxlen=4 * MOTION.held_samples))
+    _waiting: deque[AttitudeSample | PoseSample] = field(default_factory=lambda: deque(maxlen=4 * HELD))
 
     def samples(self, samples: list[AttitudeSample | PoseSample]) -> None:
         """Adds attitudes and positions in the order in which they arrive. It never waits."""

@@ -88,13 +88,6 @@ class AvoidParams:
         "policy stop: stopped while armed, the service sends the wall for this time before it ends",
     )
     avoid_margin_m: float = critical(2.0, 0.5, 20.0, "m", "AVOID_MARGIN that is used until the parameter has been read")
-    cp_dist_m: float = critical(
-        3.0,
-        0.1,
-        20.0,
-        "m",
-        "CP_DIST of the wall while heartbeats of PX4 and of another autopilot contradict each other",
-    )
     points: bool = switch(
         False, "ArduPilot: send OBSTACLE_DISTANCE_3D instead, with layers above and below (work in progress in MAVLink)"
     )

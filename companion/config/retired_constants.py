@@ -134,7 +134,7 @@ _WORLD: Final[Mapping[str, float]] = {
 }
 
 CONSTANTS_OF: Final[Mapping[str, Mapping[str, float]]] = {
-    "avoid": {"seen_share": 0.4, "stop_inside_m": 0.04},
+    "avoid": {"seen_share": 0.4, "stop_inside_m": 0.04, "cp_dist_m": 3.0},
     "guard": {
         "limit_ahead_s": 1.0,
         "least_limit_m_s": 1.0,
@@ -142,7 +142,9 @@ CONSTANTS_OF: Final[Mapping[str, Mapping[str, float]]] = {
         "keep_free_s": 0.35,
         "raise_after_s": 3.0,
     },
+    "publish": {"depth_hz": 5.0},
     "service": {"blind_hz": 12.5},
+    "sync": {"pose_max_gap_s": 0.5, "restart_step_s": 1.0, "held_samples": 256},
     "expert": _EXPERT,
     "tracking": _TRACKING,
     "world": _WORLD,

@@ -80,14 +80,7 @@ class PublishConfig:
     )
     depth: str = text(
         "ipc://{run}/depth",
-        "address of small depth images for `companion view --live`, made only while a client listens; empty: none",
-    )
-    depth_hz: float = number(
-        5.0,
-        0.5,
-        15.0,
-        "Hz",
-        "greatest rate of these small depth images of each camera",
+        "address of small depth images for `companion view --live`, five a second of each camera, made only while a client listens; empty: none",
     )
     keys: str = text("", "directory of the CURVE keys (`companion keys`), needed for tcp:// addresses")
 

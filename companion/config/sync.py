@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from core.param_field import check, critical, number, switch
+from core.param_field import check, critical, switch
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -35,19 +35,9 @@ class SyncParams:
         "m",
         "greatest distance flown within the error of the autopilot's timestamps; beyond it frames have no position",
     )
-    pose_max_gap_s: float = critical(0.5, 0.01, 5.0, "s", "greatest gap between two positions that is interpolated")
     pose_max_extrapolation_s: float = critical(
         0.2, 0.0, 2.0, "s", "greatest time over which the newest position is extrapolated by its velocity"
     )
-    restart_step_s: float = number(
-        1.0,
-        0.1,
-        60.0,
-        "s",
-        "timestamps that step back by more are a restart of the autopilot; those of a camera, when its frames have "
-        "done so for this time",
-    )
-    held_samples: int = number(256, 8, 4096, "", "number of attitudes, and of positions, that are kept for late frames")
     use_pose: bool = switch(True, "publish in ned where the position is known, otherwise always in level")
 
     def __post_init__(self) -> None:

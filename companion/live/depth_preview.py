@@ -27,6 +27,8 @@ MOST_WAITING = 10
 """Greatest number of images, of all cameras, that wait for a slow subscriber: it shows the newest ones."""
 MOST_CHANGES = 1000
 """Changes of subscriptions between two frames. More end the stream: they come faster than they can be read, and wait in memory."""
+HZ = 5.0
+"""Largest rate of images of each camera."""
 WIDTH_PX = 320
 """Largest width of a reduced image."""
 
@@ -45,7 +47,7 @@ class DepthPreviews:
     """The stream. hz: largest rate of images per camera. `show` is called from one thread, the other methods while it
     does not run."""
 
-    def __init__(self, hz: float, stamps: PublicationStamps) -> None:
+    def __init__(self, stamps: PublicationStamps, hz: float = HZ) -> None:
         self._period_ns, self._stamps = round(NS / hz), stamps
         self._publisher: Publisher | None = None
         self._subscribed: set[bytes] = set()

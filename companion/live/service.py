@@ -91,7 +91,7 @@ class Service:
             recorder = Recorder(place, run_info("live", config), config.record, config.output)
         share = self._make_share(recorder)
         autopilot = self._make_autopilot(cameras, signing, share)
-        previews = DepthPreviews(config.publish.depth_hz, self._stamps)
+        previews = DepthPreviews(self._stamps)
         return Parts(
             cameras=cameras,
             pipeline_thread=self._make_pipeline_thread(event_queue, recorder, autopilot, previews, warm_up),

@@ -36,8 +36,9 @@ from ..cameras.masks import Mask, apply_mask
 from ..config.sync import SyncParams
 from .events import SupersededFrame
 from .results import FrameDecision, Output, PrismsResult
+from .sample_buffer import RESTART_STEP_NS
 from .state import CameraState, PipelineState
-from .sync import NS, AttitudeAt, DropCause, PoseAt, Source, Synchroniser
+from .sync import AttitudeAt, DropCause, PoseAt, Source, Synchroniser
 from .tracking import CameraTracks, TracksResult
 from .transform import seed_ground_height, transform_from_level_cam, transform_model
 
@@ -207,13 +208,13 @@ class Pipeline:
 
     def _check_order(self, frame: DepthFrame, info: CameraInfo) -> DropCause:
         """The drop cause by the frame's order and size, NONE if it can be used. Where the frames have stepped far back for
-        restart_step_s, the camera restarted: its state is reset, except for a verdict against its mount."""
+        RESTART_STEP_NS, the camera restarted: its state is reset, except for a verdict against its mount."""
         state, t_ns = self._states[frame.camera], frame.t_exposure_ns
         last = state.last_t_exposure_ns
-        if last is not None and t_ns <= last - self._restart_ns:
+        if last is not None and t_ns <= last - RESTART_STEP_NS:
             first_ns = t_ns if state.back_since_ns is None else min(t_ns, state.back_since_ns)
             # late frames, or wrong stamps: the attitude of that time is not theirs
-            if t_ns - first_ns < self._restart_ns:
+            if t_ns - first_ns < RESTART_STEP_NS:
                 self._states[frame.camera] = dataclasses.replace(state, back_since_ns=first_ns)
                 return DropCause.LATE_FRAME
             state, last = CameraState(mount=state.mount.restarted()), None
@@ -225,10 +226,6 @@ class Pipeline:
         if frame.depth_mm.shape != (info.intrinsics.height, info.intrinsics.width):
             return DropCause.WRONG_SIZE
         return DropCause.NONE
-
-    @property
-    def _restart_ns(self) -> int:
-        return round(self._sync.params.restart_step_s * NS)
 
     def _extract(self, frame: DepthFrame, info: CameraInfo, attitude: AttitudeAt, pose: PoseAt | None) -> PrismsResult:
         R_level_optical, camera_rad, vehicle_rad, lever_ned_m = level_cam_at(attitude.q_ned_frd_wxyz, info.mount)

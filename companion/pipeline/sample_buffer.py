@@ -6,7 +6,10 @@ from bisect import bisect_left
 from collections import Counter
 from typing import Generic, Protocol, TypeVar
 
-NS = 1_000_000_000
+HELD = 256
+"""Number of samples that are kept for late frames: 0.6 s at the greatest rate of the attitude."""
+RESTART_STEP_NS = 1_000_000_000
+"""Stamps that step back by more are a restart of the autopilot; those of a camera, when its frames have done so for this time."""
 
 
 class _Stamped(Protocol):
@@ -20,9 +23,7 @@ S = TypeVar("S", bound=_Stamped)
 class SampleBuffer(Generic[S]):
     """The newest samples ordered by stamp. `counts`: numbers of duplicates, samples out of order and restarts."""
 
-    def __init__(self, held: int, restart_step_s: float) -> None:
-        self._held = held
-        self._restart_ns = round(restart_step_s * NS)
+    def __init__(self) -> None:
         self._stamps: list[int] = []
         self._samples: list[S] = []
         self.counts: Counter[str] = Counter()
@@ -48,7 +49,7 @@ class SampleBuffer(Generic[S]):
     def add(self, sample: S, since_ns: int = 0) -> None:
         """Adds a sample. A stamp far before the newest one means that the sender restarted: all stored samples are
         discarded. Of two samples with the same stamp the first is kept. A late one with a stamp before since_ns is not."""
-        if self._stamps and sample.t_ns <= self._stamps[-1] - self._restart_ns:
+        if self._stamps and sample.t_ns <= self._stamps[-1] - RESTART_STEP_NS:
             self.counts["restarts"] += 1
             self._stamps.clear()
             self._samples.clear()
@@ -60,7 +61,7 @@ class SampleBuffer(Generic[S]):
                 return
         self._stamps.insert(i, sample.t_ns)
         self._samples.insert(i, sample)
-        if len(self._samples) > self._held:
+        if len(self._samples) > HELD:
             del self._stamps[0], self._samples[0]
 
     def around(self, t_ns: int) -> tuple[S | None, S | None]:

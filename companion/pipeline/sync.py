@@ -21,6 +21,8 @@ from .quaternion import Quaternion, Vector, plausible_rates, rates_between, rota
 from .sample_buffer import SampleBuffer, nearest_of
 
 NS = 1_000_000_000
+POSE_MAX_GAP_NS = NS // 2
+"""Greatest gap between two positions that is interpolated."""
 MAX_DISTANCE_M = 100_000.0
 """Largest distance from the origin of ned: beyond it float32 cannot represent the centimetres of a prism."""
 
@@ -89,8 +91,8 @@ class Synchroniser:
 
     def __init__(self, params: SyncParams) -> None:
         self.params = params
-        self.attitudes: SampleBuffer[AttitudeSample] = SampleBuffer(params.held_samples, params.restart_step_s)
-        self.poses: SampleBuffer[PoseSample] = SampleBuffer(params.held_samples, params.restart_step_s)
+        self.attitudes: SampleBuffer[AttitudeSample] = SampleBuffer()
+        self.poses: SampleBuffer[PoseSample] = SampleBuffer()
         self.headings = HeadingJumps()
         self.sections = PositionSections()
 
@@ -207,9 +209,9 @@ class Synchroniser:
         neighbour = self.poses.before(sample) or self.poses.around(sample.t_ns + 1)[1]
         if neighbour is None or self.sections.at(neighbour.t_ns) != self.sections.at(sample.t_ns):
             return None
-        dt_s = (sample.t_ns - neighbour.t_ns) / NS
-        if abs(dt_s) > self.params.pose_max_gap_s:
+        if abs(sample.t_ns - neighbour.t_ns) > POSE_MAX_GAP_NS:
             return None
+        dt_s = (sample.t_ns - neighbour.t_ns) / NS
         (ax, ay, az), (bx, by, bz) = neighbour.position_ned_m, sample.position_ned_m
         return (bx - ax) / dt_s, (by - ay) / dt_s, (bz - az) / dt_s
 
@@ -223,7 +225,7 @@ class Synchroniser:
             gap_ns = after.t_ns - before.t_ns
             section = self.sections.at(before.t_ns)
             one_section = before.reset_counter == after.reset_counter and section == self.sections.at(after.t_ns)
-            if gap_ns <= self.params.pose_max_gap_s * NS and one_section:
+            if gap_ns <= POSE_MAX_GAP_NS and one_section:
                 if position_sections.contradict(before, after):
                     return "the positions before and after the exposure contradict each other"
                 share = (t_ns - before.t_ns) / gap_ns

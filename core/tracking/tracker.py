@@ -52,7 +52,7 @@ _VELOCITY_SHARE = 0.4
 _SPARE_SLOTS = 64
 """Slots for the parts of split tracks."""
 _RESTART_NS = NS
-"""Time that has passed at least when a clock went back, the default of [sync] restart_step_s: frames are left out
+"""Time that has passed at least when a clock went back, as companion/pipeline/sample_buffer.py: frames are left out
 so long."""
 _VIEWS, _VIEW_STEP_NS = 9, NS // 5
 """Earlier free ranges that are kept, and the least time between them."""

@@ -39,7 +39,7 @@ class ScriptedService:
         self._prisms, self._health = (
             Publisher(Stream(name, getattr(self.streams, name)), self._context) for name in ("prisms", "health")
         )
-        self.previews = DepthPreviews(15.0, PublicationStamps(boot_id()))
+        self.previews = DepthPreviews(PublicationStamps(boot_id()), 15.0)
         self.previews.open(self.streams.depth, self._context)
         self.sequence = 0
 

@@ -111,7 +111,7 @@ points = true
 [autopilot]
 attitude_hz = 50.0
 [publish]
-depth_hz = 2.0
+depth = ""
 [world]
 free_age_s = 120.0
 [record]
@@ -153,7 +153,7 @@ def test_every_section_is_compared_and_safety_keys_are_marked(
         '[[camera]] "front" pitch_deg = -10 deg (default: as the camera or the recording has it)',
         "[avoid] points = true (default false)",
         "[autopilot] attitude_hz = 50 Hz (default 100 Hz)",
-        "[publish] depth_hz = 2 Hz (default 5 Hz)",
+        '[publish] depth = "" (default "ipc://{run}/depth")',
         "[record] zstd_level = 3 (default -1)",
     ]
     assert {line for line in lines if line.startswith("[")} == set(plain)

@@ -38,7 +38,7 @@ def address(tmp_path: Path) -> str:
 
 @pytest.fixture
 def previews(context: Context, address: str) -> Iterator[DepthPreviews]:
-    previews = DepthPreviews(0.02, PublicationStamps("this boot"))
+    previews = DepthPreviews(PublicationStamps("this boot"), 0.02)
     previews.open(address, context)
     yield previews
     previews.close()
@@ -161,7 +161,7 @@ def test_a_flood_of_subscriptions_ends_the_stream_and_does_not_hold_the_pipeline
 
 
 def test_without_an_address_there_is_none(context: Context) -> None:
-    previews = DepthPreviews(5.0, PublicationStamps(""))
+    previews = DepthPreviews(PublicationStamps(""))
     previews.open("", context)
     previews.show(frame(1))
     assert previews.sent == 0

@@ -260,7 +260,7 @@ def test_the_flight_goes_on_and_what_ended_is_named(
 
 
 def test_an_error_in_a_viewers_image_ends_its_stream_only(monkeypatch: pytest.MonkeyPatch) -> None:
-    previews = DepthPreviews(5.0, PublicationStamps("boot"))
+    previews = DepthPreviews(PublicationStamps("boot"))
 
     def bad(frame: object) -> None:
         raise ValueError("injected")

@@ -88,7 +88,7 @@ def test_the_same_and_earlier_exposures_are_reported_but_not_published():
 
 
 def test_the_state_of_a_restarted_camera_is_reset():
-    """Its frames count from when they have stepped back for restart_step_s in a row, also from a snapshot in between."""
+    """Its frames count from when they have stepped back for RESTART_STEP_NS in a row, also from a snapshot in between."""
     line = pipeline()
     outputs([attitude(START_NS), frame(0, START_NS), frame(1, START_NS + 10 * MS)], line)
     assert dict(line.state().cameras)["front"].extractor.ground_height_m == 2.0
