@@ -3,7 +3,7 @@
 local = boot + offset. Two facts limit the offset, whatever the delays of the link are. The answer to a TIMESYNC
 request was stamped after the request was sent and before the answer arrived (ts1 - tc1 <= offset <= now - tc1). No
 message arrives before it was measured (offset <= arrival - boot). Between two instants the offset changes by at most
-`max_drift` times the time between them. All bounds together give an interval. The estimate is the line through the
+`MAX_DRIFT` times the time between them. All bounds together give an interval. The estimate is the line through the
 fastest exchanges, limited to the interval.
 
 This module uses no clock and no input or output, so that a replay gives the same estimates."""
@@ -14,10 +14,8 @@ from collections import deque
 from dataclasses import dataclass, replace
 from enum import IntEnum
 
-from core.param_field import check, number
+from .clock_bounds import MAX_DRIFT, MS, NS, Bound, common_offsets, extended, line_through
 
-NS = 1_000_000_000
-MS = 1_000_000
 WRAP_NS = 2**32 * MS
 """time_boot_ms has 32 bits and begins again after 49.7 days. The times of TIMESYNC and ODOMETRY do not."""
 NEAR_WRAP_NS = 600 * NS
@@ -37,6 +35,18 @@ Of each second the fastest one is kept, and one second alone does not count: its
 UNANSWERED_NS = 10 * NS
 """Stamps are used without an answer to TIMESYNC when messages have arrived for this time: a line may be as late, and the first
 answer under way."""
+WINDOW_NS = 60 * NS
+"""Older exchanges are not used."""
+MIN_EXCHANGES = 3
+"""Answers before the clock is called synchronised."""
+MAX_RTT_NS = NS // 2
+"""Slower answers are not used, and show that arrivals may be late."""
+REBOOT_STEP_NS = NS
+"""Boot time that goes back this far is a reboot."""
+REBOOT_MESSAGES = 5
+"""Messages in a row that contradict the estimate; one alone is only late."""
+STEP_EXCHANGES = 3
+"""Answers in a row that contradict the rest mean a step: the estimate begins again."""
 ANSWERS_NS = 2 * NS
 """Answers come twice a second. After a longer time without one the estimate is made again at arrivals."""
 
@@ -46,30 +56,9 @@ class ClockSource(IntEnum):
 
     NONE = 0
     ENVELOPE = 1
-    """No answer to TIMESYNC within `window_s`: the fastest messages count as not delayed. The estimate is late by their
+    """No answer to TIMESYNC within `WINDOW_NS`: the fastest messages count as not delayed. The estimate is late by their
     least delay."""
     TIMESYNC = 2
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ClockParams:
-    """Parameters of the clock estimate. Raises ValueError naming the field, its value and its range."""
-
-    max_drift: float = number(150e-6, 1e-6, 1e-3, "", "largest frequency difference of both clocks")
-    window_s: float = number(60.0, 2.0, 600.0, "s", "older exchanges are not used")
-    drift_span_s: float = number(5.0, 1.0, 300.0, "s", "shorter spans cannot separate drift from jitter")
-    min_exchanges: int = number(3, 1, 50, "", "answers before the clock is called synchronised")
-    max_rtt_s: float = number(0.5, 0.01, 5.0, "s", "slower answers are not used, and show that arrivals may be late")
-    reboot_step_s: float = number(1.0, 0.1, 60.0, "s", "boot time that goes back this far is a reboot")
-    reboot_messages: int = number(
-        5, 1, 50, "", "messages in a row that contradict the estimate; one alone is only late"
-    )
-    strange_exchanges: int = number(
-        3, 2, 20, "", "answers in a row that contradict the rest mean a step: restart the estimate"
-    )
-
-    def __post_init__(self) -> None:
-        check("clock", self)
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,15 +79,6 @@ class ClockEstimate:
         return boot_ns + self.offset_ns + round(self.drift * (boot_ns - self.at_boot_ns))
 
 
-@dataclass(frozen=True, slots=True)
-class _Bound:
-    """low <= offset <= high at boot_ns. low None: no lower bound."""
-
-    boot_ns: int
-    low: int | None
-    high: int
-
-
 class ClockFilter:
     """Estimates the clock from exchanges and arrivals.
 
@@ -106,19 +86,18 @@ class ClockFilter:
         estimate: the present estimate.
         restarts: number of reboots and steps."""
 
-    def __init__(self, params: ClockParams | None = None) -> None:
-        self.params = params or ClockParams()
+    def __init__(self) -> None:
         self.estimate = ClockEstimate(ClockSource.NONE)
         self.restarts = 0
-        self._exchanges: deque[_Bound] = deque()
-        self._doubtful: list[_Bound] = []
+        self._exchanges: deque[Bound] = deque()
+        self._doubtful: list[Bound] = []
         self._undoubted_ns = 0  # bound of the estimate by the answers that fit
-        self._arrivals: deque[_Bound] = deque()
+        self._arrivals: deque[Bound] = deque()
         self._newest_boot_ns: int | None = None
-        self._began_ns = 0  # boot time of the first arrival, since the start or a silence of more than window_s
+        self._began_ns = 0  # boot time of the first arrival, since the start or a silence of more than WINDOW_NS
         self._second_ns = 0  # boot time at which the newest second of arrivals begins
         self._accepted_ns: int | None = None
-        self._refused: list[_Bound] = []  # in a row
+        self._refused: list[Bound] = []  # in a row
         self._changes_ns: deque[int] = deque(maxlen=MIXED)
         self._slow_answer_ns: int | None = None  # arrival of the newest one, unless synchronised since
 
@@ -151,11 +130,11 @@ class ClockFilter:
 
         False: the stamp is so far back that the message is very late, or it would have been measured after it arrived.
         Another sender, a reboot or a step of one of the clocks also causes this."""
-        if self._slow_answer_ns is not None and arrival_ns - self._slow_answer_ns > self.params.window_s * NS:
+        if self._slow_answer_ns is not None and arrival_ns - self._slow_answer_ns > WINDOW_NS:
             self._slow_answer_ns = None
         if self._is_back(boot_ns) or self._is_ahead(boot_ns, arrival_ns):
-            self._refused.append(_Bound(boot_ns, None, arrival_ns - boot_ns))
-            if len(self._refused) < self.params.reboot_messages or self._fits_recently(arrival_ns):
+            self._refused.append(Bound(boot_ns, None, arrival_ns - boot_ns))
+            if len(self._refused) < REBOOT_MESSAGES or self._fits_recently(arrival_ns):
                 return False
             if not self._line_is_faster():
                 self.restart()
@@ -175,7 +154,7 @@ class ClockFilter:
             self._arrivals.pop()
         else:
             self._second_ns = boot_ns
-        self._arrivals.append(_Bound(boot_ns, None, high))
+        self._arrivals.append(Bound(boot_ns, None, high))
         self._trim(self._arrivals, boot_ns)
         if len(self._arrivals) == 1 and self._second_ns == boot_ns:
             self._began_ns = boot_ns
@@ -183,13 +162,13 @@ class ClockFilter:
         return True
 
     def _estimate_at_arrival(self, boot_ns: int, arrival_ns: int) -> None:
-        """Without answers the drift may change: the bound grows, and after window_s the arrivals count alone. An arrival
+        """Without answers the drift may change: the bound grows, and after WINDOW_NS the arrivals count alone. An arrival
         before the estimated instant corrects it at once."""
         if self.estimate.source is not ClockSource.TIMESYNC:
             self._envelope(boot_ns)
             return
         unanswered_ns = boot_ns - self._exchanges[-1].boot_ns
-        if unanswered_ns > self.params.window_s * NS:
+        if unanswered_ns > WINDOW_NS:
             self._exchanges.clear()
             self._doubtful.clear()
             self._envelope(boot_ns)
@@ -203,10 +182,10 @@ class ClockFilter:
             ts1_ns: local time of the request.
             tc1_ns: time of the autopilot's clock.
             now_ns: local time of the arrival."""
-        if not 0 <= now_ns - ts1_ns <= self.params.max_rtt_s * NS:
+        if not 0 <= now_ns - ts1_ns <= MAX_RTT_NS:
             self._slow_answer_ns = now_ns if now_ns > ts1_ns else self._slow_answer_ns
             return False
-        new = _Bound(tc1_ns, ts1_ns - tc1_ns, now_ns - tc1_ns)
+        new = Bound(tc1_ns, ts1_ns - tc1_ns, now_ns - tc1_ns)
         if self._exchanges and not self._fits(new):
             return self._doubt(new)
         before = self.estimate.source
@@ -224,7 +203,7 @@ class ClockFilter:
 
     def _is_back(self, boot_ns: int) -> bool:
         newest = self._newest_boot_ns
-        return newest is not None and boot_ns < newest - self.params.reboot_step_s * NS
+        return newest is not None and boot_ns < newest - REBOOT_STEP_NS
 
     def _is_ahead(self, boot_ns: int, arrival_ns: int) -> bool:
         """Returns whether a message would have arrived before it was measured, whatever the error of the estimate is."""
@@ -232,12 +211,12 @@ class ClockFilter:
         if e.source is ClockSource.NONE:
             return False
         bound_ns = UNKNOWN_DELAY_NS if e.source is ClockSource.ENVELOPE else self._undoubted_ns
-        slack_ns = MS + round(self.params.max_drift * abs(boot_ns - e.at_boot_ns))
+        slack_ns = MS + round(MAX_DRIFT * abs(boot_ns - e.at_boot_ns))
         return e.local_ns(boot_ns) - arrival_ns > bound_ns + slack_ns
 
     def _line_is_faster(self) -> bool:
         """Returns whether the refused messages were only delayed by less than those before, where TIMESYNC is not answered."""
-        e, longest_ns = self.estimate, self.params.reboot_step_s * NS
+        e, longest_ns = self.estimate, REBOOT_STEP_NS
         if e.source is not ClockSource.ENVELOPE:
             return False
         return all(0 <= e.local_ns(b.boot_ns) - (b.boot_ns + b.high) < longest_ns for b in self._refused)
@@ -247,7 +226,7 @@ class ClockFilter:
         """Whether stamps may be used: the clock is synchronised, or no answer has come for UNANSWERED_NS and the arrivals of
         KNOWN_SECONDS are known, after which those of a further second have begun. A slow answer shows that all arrivals may
         be delayed by more than UNKNOWN_DELAY_NS: they are not used until the clock is synchronised, or no answer was slow for
-        window_s."""
+        WINDOW_NS."""
         source = self.estimate.source
         if source is ClockSource.TIMESYNC:
             return True
@@ -268,13 +247,13 @@ class ClockFilter:
         """Returns whether a message with a stamp that fits arrived within SILENT_NS."""
         return self._accepted_ns is not None and now_ns - self._accepted_ns < SILENT_NS
 
-    def _doubt(self, new: _Bound) -> bool:
+    def _doubt(self, new: Bound) -> bool:
         """Handles an answer that contradicts the others: one is ignored, several in a row that agree are a step of
         the clock."""
-        if self._doubtful and not _common([*self._doubtful, new], new.boot_ns, self.params.max_drift):
+        if self._doubtful and not common_offsets([*self._doubtful, new], new.boot_ns):
             self._doubtful.clear()
         self._doubtful.append(new)
-        if len(self._doubtful) < self.params.strange_exchanges:
+        if len(self._doubtful) < STEP_EXCHANGES:
             self._estimate(new.boot_ns)
             return False
         kept = list(self._doubtful)
@@ -284,11 +263,11 @@ class ClockFilter:
         self._estimate(new.boot_ns)
         return True
 
-    def _fits(self, new: _Bound) -> bool:
-        return _common([*self._exchanges, new], new.boot_ns, self.params.max_drift) is not None
+    def _fits(self, new: Bound) -> bool:
+        return common_offsets([*self._exchanges, new], new.boot_ns) is not None
 
-    def _trim(self, bounds: deque[_Bound], boot_ns: int) -> None:
-        oldest = boot_ns - round(self.params.window_s * NS)
+    def _trim(self, bounds: deque[Bound], boot_ns: int) -> None:
+        oldest = boot_ns - WINDOW_NS
         while len(bounds) > 1 and bounds[0].boot_ns < oldest:
             bounds.popleft()
 
@@ -298,87 +277,32 @@ class ClockFilter:
         if e.bound_ns is None:
             return e
         silent_ns = max(0, now_ns - e.local_ns(e.at_boot_ns))
-        return replace(e, bound_ns=e.bound_ns + round(2.0 * self.params.max_drift * silent_ns))
+        return replace(e, bound_ns=e.bound_ns + round(2.0 * MAX_DRIFT * silent_ns))
 
     # ---- estimate -------------------------------------------------------------------------------------------------
 
     def _envelope(self, at_ns: int) -> None:
-        drift = self.params.max_drift
-        offsets = sorted(b.high + round(drift * abs(at_ns - b.boot_ns)) for b in self._arrivals)
+        offsets = sorted(b.high + b.slack_ns(at_ns) for b in self._arrivals)
         offset = offsets[min(1, len(offsets) - 1)]  # of the fastest in each second; one alone may have a wrong stamp
         self.estimate = ClockEstimate(ClockSource.ENVELOPE, offset_ns=offset, at_boot_ns=at_ns)
 
     def _estimate(self, at_ns: int) -> None:
-        p = self.params
-        bounds = [*self._exchanges, *self._arrivals]
-        interval = _common(bounds, at_ns, p.max_drift) or _common(list(self._exchanges), at_ns, p.max_drift)
+        exchanges = list(self._exchanges)
+        interval = common_offsets([*exchanges, *self._arrivals], at_ns) or common_offsets(exchanges, at_ns)
         if interval is None:  # impossible: `exchange` keeps only exchanges that agree
             raise AssertionError("the exchanges held contradict each other")
-        if len(self._exchanges) < p.min_exchanges and self.estimate.source is not ClockSource.TIMESYNC:
+        if len(exchanges) < MIN_EXCHANGES and self.estimate.source is not ClockSource.TIMESYNC:
             return
-        offset, drift = self._line(at_ns)
+        offset, drift = line_through(exchanges, at_ns)
         offset = min(max(offset, interval[0]), interval[1])
         self._undoubted_ns = max(interval[1] - offset, offset - interval[0])
-        low, high = self._with_doubtful(interval, at_ns)
+        low, high = extended(interval, self._doubtful, at_ns)
         self.estimate = ClockEstimate(
             ClockSource.TIMESYNC,
             offset_ns=offset,
             drift=drift,
             at_boot_ns=at_ns,
             bound_ns=max(high - offset, offset - low),
-            rtt_ns=min(_rtt(b) for b in self._exchanges),
-            exchanges=len(self._exchanges),
+            rtt_ns=min(b.rtt_ns for b in exchanges),
+            exchanges=len(exchanges),
         )
-
-    def _with_doubtful(self, interval: tuple[int, int], at_ns: int) -> tuple[int, int]:
-        """Returns the interval extended to what the contradicting answers show.
-
-        A clock that is corrected, as by NTP, runs faster or slower than `max_drift` permits: then the newest answer is right,
-        and the others are wrong now."""
-        low, high = interval
-        for b in self._doubtful:
-            slack = round(self.params.max_drift * abs(at_ns - b.boot_ns))
-            low, high = min(low, (b.high if b.low is None else b.low) - slack), max(high, b.high + slack)
-        return low, high
-
-    def _line(self, at_ns: int) -> tuple[int, float]:
-        """Returns (offset at at_ns, drift) of the weighted least-squares line through the middles of the exchanges.
-
-        The error of a middle is at most half of the difference between its round-trip time and the shortest one, plus
-        an error that all share. The weights are the inverse square of that."""
-        quickest = min(_rtt(b) for b in self._exchanges)
-        first = self._exchanges[0]
-        base = first.high
-        sw = sx = sy = sxx = sxy = 0.0
-        for b in self._exchanges:
-            x = (b.boot_ns - at_ns) / NS
-            y = 0.5 * ((b.low or 0) + b.high) - base
-            w = 1.0 / (0.5 * (_rtt(b) - quickest) + 0.05 * quickest + 20_000.0) ** 2
-            sw, sx, sy = sw + w, sx + w * x, sy + w * y
-            sxx, sxy = sxx + w * x * x, sxy + w * x * y
-        drift = 0.0
-        scatter = sxx - sx * sx / sw
-        span_ns = self._exchanges[-1].boot_ns - first.boot_ns
-        if span_ns >= self.params.drift_span_s * NS and scatter > 0.0:
-            limit = self.params.max_drift * NS
-            drift = min(max((sxy - sx * sy / sw) / scatter, -limit), limit)
-        return base + round((sy - drift * sx) / sw), drift / NS
-
-
-def _rtt(bound: _Bound) -> int:
-    """Returns the round-trip time of an exchange."""
-    return bound.high - (bound.low if bound.low is not None else bound.high)
-
-
-def _common(bounds: list[_Bound], at_ns: int, drift: float) -> tuple[int, int] | None:
-    """Returns the least and greatest offset at at_ns that no bound excludes; None if there are none."""
-    low: int | None = None
-    high: int | None = None
-    for b in bounds:
-        slack = round(drift * abs(at_ns - b.boot_ns))
-        high = b.high + slack if high is None else min(high, b.high + slack)
-        if b.low is not None:
-            low = b.low - slack if low is None else max(low, b.low - slack)
-    if low is None or high is None or low > high:
-        return None
-    return low, high

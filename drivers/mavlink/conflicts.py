@@ -8,7 +8,7 @@ import struct
 from collections import OrderedDict, deque
 from typing import Any
 
-from .clock_sync import NS
+from .clock_bounds import NS
 from .dialect import dialect
 from .outbox import SCAN_IDS
 from .parser import Frame

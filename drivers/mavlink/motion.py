@@ -13,7 +13,8 @@ from core.frames import quaternion_from_euler, rotation_from_quaternion
 from core.types import MAX_RATE_RAD_S, MAX_SPEED_M_S, AttitudeSample, PoseSample
 
 from .anomalies import LinkAnomaly
-from .clock_sync import NS, UNKNOWN_DELAY_NS, ClockEstimate, ClockFilter, ClockSource
+from .clock_bounds import NS
+from .clock_sync import UNKNOWN_DELAY_NS, ClockEstimate, ClockFilter, ClockSource
 from .contradictory_attitude import ContradictoryAttitude, Quaternion
 from .dialect import dialect
 from .parser import Frame

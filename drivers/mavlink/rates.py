@@ -8,7 +8,7 @@ from collections import deque
 from dataclasses import dataclass
 from typing import Any
 
-from .clock_sync import NS
+from .clock_bounds import NS
 from .commands import SET_MESSAGE_INTERVAL, set_message_interval
 from .dialect import dialect
 

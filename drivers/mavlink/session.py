@@ -13,7 +13,8 @@ from core.types import AttitudeSample, PoseSample
 
 from .anomalies import LinkAnomaly
 from .bandwidth import LinkBudget, budget_of
-from .clock_sync import NS, ClockFilter, ClockSource
+from .clock_bounds import NS
+from .clock_sync import ClockFilter, ClockSource
 from .conflicts import ConflictDetector
 from .dialect import dialect
 from .heartbeats import Arrivals, Heartbeats, is_of_a_vehicle

@@ -18,7 +18,7 @@ from enum import Enum
 from typing import Any
 
 from .anomalies import LinkAnomaly
-from .clock_sync import NS
+from .clock_bounds import NS
 from .dialect import dialect
 from .parser import MAVLINK2, SIGNATURE_BYTES
 from .signing_clock import TICKS_PER_S, SigningClock

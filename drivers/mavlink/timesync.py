@@ -10,7 +10,8 @@ import struct
 from collections import OrderedDict
 from typing import Any
 
-from .clock_sync import NS, ClockFilter, ClockSource
+from .clock_bounds import NS
+from .clock_sync import ClockFilter, ClockSource
 from .dialect import dialect
 from .parser import Frame
 

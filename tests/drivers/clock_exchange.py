@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from drivers.mavlink.clock_sync import NS, ClockFilter, ClockSource
+from drivers.mavlink.clock_bounds import NS
+from drivers.mavlink.clock_sync import ClockFilter, ClockSource
 
 MS = 1_000_000
 

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from drivers.mavlink.clock_sync import NS, ClockFilter, ClockSource
+from drivers.mavlink.clock_bounds import NS
+from drivers.mavlink.clock_sync import STEP_EXCHANGES, ClockFilter, ClockSource
 
 from .clock_exchange import MS, Link, run
 
@@ -115,7 +116,7 @@ def test_a_step_that_lasts_is_followed() -> None:
 def test_answers_are_used_again_from_the_one_that_confirms_a_step() -> None:
     clock, link = ClockFilter(), Link(jitter_ns=MS)
     run(link, clock, 5.0)
-    stepped, few = Link(jitter_ns=MS, boot_at_ns=link.boot_at_ns - 300 * MS, seed=2), clock.params.strange_exchanges
+    stepped, few = Link(jitter_ns=MS, boot_at_ns=link.boot_at_ns - 300 * MS, seed=2), STEP_EXCHANGES
     used = [stepped.exchange(clock, 5 * NS + k * NS // 10) for k in range(few + 2)]
     assert used == [False] * (few - 1) + [True] * 3
     assert not clock.doubted

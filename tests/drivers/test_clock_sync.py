@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.mavlink.clock_sync import NS, ClockFilter, ClockParams, ClockSource
+from drivers.mavlink.clock_bounds import MAX_DRIFT, NS
+from drivers.mavlink.clock_sync import ClockFilter, ClockSource
 from tests.nightly import examples, first
 
 from .clock_exchange import MS, Link, run
@@ -30,7 +31,7 @@ def test_the_drift_stays_within_its_limit(seed: int) -> None:
     clock, link = ClockFilter(), Link(jitter_ns=50 * MS, seed=seed)
     for k in range(20):
         run(link, clock, 0.5, hz=2.0, start_ns=k * NS // 2)
-        assert abs(clock.estimate.drift) <= clock.params.max_drift
+        assert abs(clock.estimate.drift) <= MAX_DRIFT
 
 
 def test_after_a_long_time_a_step_back_is_a_reboot_and_no_wrap() -> None:
@@ -298,11 +299,6 @@ def test_answers_decide_which_of_two_clocks_is_the_autopilots(other_ns: int) -> 
 
 
 def test_an_old_window_is_forgotten() -> None:
-    clock, link = ClockFilter(ClockParams(window_s=5.0)), Link(jitter_ns=MS)
-    run(link, clock, 60.0, hz=2.0)
-    assert clock.estimate.exchanges <= 11
-
-
-def test_parameters_out_of_range_are_named() -> None:
-    with pytest.raises(ValueError, match=r"clock: window_s = 0.1: expected 2.0..600.0 s"):
-        ClockParams(window_s=0.1)
+    clock, link = ClockFilter(), Link(jitter_ns=MS)
+    run(link, clock, 180.0, hz=2.0)
+    assert clock.estimate.exchanges <= 121
