@@ -1,5 +1,4 @@
-"""The two protocols of the drivers, and their errors. A driver imports types, frames and parameter fields of core, but not
-the algorithm."""
+"""The two protocols of the drivers, and their errors. A driver imports types and frames of core, but not the algorithm."""
 
 from __future__ import annotations
 

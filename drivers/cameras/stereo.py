@@ -9,7 +9,6 @@ import numpy as np
 from fastcrc.crc32 import iso_hdlc
 from numpy.typing import NDArray
 
-from core.param_field import check, number, switch
 from core.types import UNKNOWN_MM, Intrinsics
 
 from .match_confidence import ConfidenceLimits, accepted_matches
@@ -28,62 +27,29 @@ _MAX_MM = 65_000.0
 class MatchParams:
     """Cost and filters of the matching."""
 
-    disparities: int = number(
-        96,
-        16,
-        512,
-        "px",
-        "disparities searched, rounded up to a multiple of 16: the smallest depth is f B over one less",
-    )
-    block_px: int = number(5, 1, 15, "px", "side of the matched block, odd")
-    uniqueness: int = number(8, 0, 50, "%", "the best match must be better than the next by so much")
-    check_px: int = number(1, 0, 8, "px", "largest difference between left-to-right and right-to-left disparity")
-    speckle_px: int = number(120, 0, 5000, "px", "smaller patches are removed")
-    speckle_range: int = number(2, 1, 32, "px", "disparity step within one patch")
-    edge_px: int = number(4, 0, 64, "px", "border of the rectified image that is not used")
-    window_px: int = number(7, 3, 31, "px", "side of the window in which a match is tested, odd")
-    correlation: float = number(
-        0.7,
-        0.0,
-        0.99,
-        "",
-        "least correlation of both images in the window; lower values accept weaker texture; 0: off",
-    )
-    texture: float = number(
-        3.0, 0.0, 100.0, "", "least variance of the texture in the window over that of the sensor noise; 0: off"
-    )
-    period: float = number(
-        0.9, 0.3, 1.0, "", "correlation of the image with itself from which on it repeats and is not matched; 1: off"
-    )
-    period_px: int = number(48, 4, 256, "px", "longest period of a repetition that is looked for")
-    strong_correlation: float = number(
-        0.85, 0.0, 0.99, "", "the same where the texture is far above the noise; less than correlation: no difference"
-    )
-    far_correlation: float = number(
-        0.91, 0.0, 0.99, "", "the same as strong_correlation, for matches of less than 4 px of disparity"
-    )
-    smear_px: int = number(
-        1, 0, 16, "px", "columns beside an unmeasured area that are dropped from an accepted one; 0: none"
-    )
-    smear_rows: int = number(4, 0, 16, "px", "rows above and below an unmeasured area that are dropped; 0: none")
-    patch_px: int = number(25, 0, 5000, "px", "smaller patches of accepted pixels are dropped; 0: off")
-    patch_per_px: float = number(
-        3.0, 0.0, 50.0, "", "patches of fewer pixels for each pixel of their disparity are dropped; 0: off"
-    )
-    shared: float = number(
-        0.5,
-        0.0,
-        1.0,
-        "",
-        "patches of an edge are dropped of which a greater share lies where other matches lie in the right image; 1: off",
-    )
-    level_px: int = number(
-        61, 0, 501, "px", "matches on level lines of this length count only where their own row agrees; 0: off"
-    )
-    mark_smooth: bool = switch(False, "mark unmeasured pixels whose image is smooth; [open_sky] needs it")
-
-    def __post_init__(self) -> None:
-        check("stereo", self)
+    disparities: int = 96  # px searched, rounded up to a multiple of 16: the smallest depth is f B over one less
+    block_px: int = 5  # side of the matched block, odd
+    uniqueness: int = 8  # %, by which the best match must be better than the next
+    check_px: int = 1  # largest difference between left-to-right and right-to-left disparity
+    speckle_px: int = 120  # smaller patches are removed
+    speckle_range: int = 2  # px, disparity step within one patch
+    edge_px: int = 4  # border of the rectified image that is not used
+    window_px: int = 7  # side of the window in which a match is tested, odd
+    correlation: float = 0.7  # least of both images in the window; lower values accept weaker texture; 0: off
+    texture: float = 3.0  # least variance of the texture in the window over that of the sensor noise; 0: off
+    period: float = 0.9  # correlation of the image with itself from which on it repeats and is not matched; 1: off
+    period_px: int = 48  # longest period of a repetition that is looked for
+    # the same as correlation where the texture is far above the noise; less than correlation: no difference
+    strong_correlation: float = 0.85
+    far_correlation: float = 0.91  # the same as strong_correlation, for matches of less than 4 px of disparity
+    smear_px: int = 1  # columns beside an unmeasured area that are dropped from an accepted one; 0: none
+    smear_rows: int = 4  # rows above and below an unmeasured area that are dropped; 0: none
+    patch_px: int = 25  # smaller patches of accepted pixels are dropped; 0: off
+    patch_per_px: float = 3.0  # patches of fewer pixels for each pixel of their disparity are dropped; 0: off
+    # patches of an edge are dropped of which a greater share lies where other matches lie in the right image; 1: off
+    shared: float = 0.5
+    level_px: int = 61  # matches on level lines of this length count only where their own row agrees; 0: off
+    mark_smooth: bool = False  # mark unmeasured pixels whose image is smooth; [open_sky] needs it
 
     @property
     def searched(self) -> int:

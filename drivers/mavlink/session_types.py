@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from core.param_field import check, number
-
 from .clock_sync import ClockEstimate
 from .rates import RateRequest
 
@@ -16,20 +14,18 @@ ATTITUDE_ID, ATTITUDE_QUATERNION_ID, LOCAL_POSITION_NED_ID = 30, 31, 32
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MavlinkParams:
-    """Ids of this service and requested messages. Raises ValueError naming the field, its value and its range."""
+    """Ids of this service and requested messages."""
 
-    system_id: int = number(0, 0, 255, "", "of the vehicle; 0: learned from its heartbeat")
-    component_id: int = number(196, 2, 255, "", "ours; 196 is obstacle avoidance, 1 is the autopilot itself")
-    attitude_hz: float = number(100.0, 5.0, 400.0, "Hz", "wanted rate of the attitude")
-    position_hz: float = number(30.0, 1.0, 200.0, "Hz", "wanted rate of the position")
-    obstacles_hz: float = number(0.0, 0.0, 20.0, "Hz", "rate at which obstacles will be posted; 0: never")
-    obstacle_points: int = number(0, 0, 104, "", "as so many points (OBSTACLE_DISTANCE_3D); 0: as distances all around")
-    distance_sensors: int = number(0, 0, 2, "", "and so many DISTANCE_SENSOR with them")
-    tunnel_bytes_per_s: float = number(0.0, 0.0, 20_000.0, "B/s", "of TUNNEL messages to other vehicles, with headers")
-    neighbours: int = number(0, 0, 254, "", "other vehicles whose TUNNEL messages arrive over this link")
-
-    def __post_init__(self) -> None:
-        check("mavlink", self)
+    system_id: int = 0  # of the vehicle; 0: learned from its heartbeat
+    component_id: int = 196  # ours; 196 is obstacle avoidance, 1 is the autopilot itself
+    # requested rates
+    attitude_hz: float = 100.0
+    position_hz: float = 30.0
+    obstacles_hz: float = 0.0  # rate at which obstacles will be posted; 0: never
+    obstacle_points: int = 0  # as so many points (OBSTACLE_DISTANCE_3D); 0: as distances all around
+    distance_sensors: int = 0  # and so many DISTANCE_SENSOR with them
+    tunnel_bytes_per_s: float = 0.0  # of TUNNEL messages to other vehicles, with headers
+    neighbours: int = 0  # other vehicles whose TUNNEL messages arrive over this link
 
     def rate_requests(self) -> tuple[RateRequest, ...]:
         """Returns the requested messages."""

@@ -213,11 +213,6 @@ def test_a_reader_receives_the_messages_it_requested_and_no_motion() -> None:
         assert received_kinds == expected
 
 
-def test_parameters_out_of_range_are_named() -> None:
-    with pytest.raises(ValueError, match=r"mavlink: attitude_hz = 0: expected 5.0..400.0 Hz"):
-        MavlinkParams(attitude_hz=0)
-
-
 @pytest.mark.parametrize(
     ("expected", "params", "connected"),
     [

@@ -262,11 +262,6 @@ def test_an_image_no_wider_than_the_search_has_no_match() -> None:
     assert child.returncode == 0
 
 
-def test_parameters_out_of_range_are_named() -> None:
-    with pytest.raises(ValueError, match=r"stereo: disparities = 0: expected 16..512 px"):
-        MatchParams(disparities=0)
-
-
 @pytest.mark.parametrize(("disparities", "configured_m"), [(40, 0.5), (48, 1.2), *nightly((48, 0.5), (96, 0.3))])
 def test_no_depth_that_the_search_cannot_find_is_stated_as_measurable(disparities: int, configured_m: float) -> None:
     """Free space relies on it: a thing that is too near to be measured leaves a small hole only, which ends the free range only up
