@@ -14,14 +14,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from core.types import CameraInfo, DepthFrame, Intrinsics
+from core.types import CameraInfo, DepthFrame
 
 from ..base import BadData, DeviceLost, DeviceNotFound
 from .bounded_close import close_within
 from .clock_correction import ClockCorrection
 from .depth_alignment import DepthAlignment
 from .device_matches import confirmed_depth
-from .oak_images import decoded, distances, half_exposure_ns
+from .oak_images import distances, half_exposure_ns
+from .oak_message import RESTART, OakMessages
 from .oak_pipeline import (
     DEPTH,
     LEFT,
@@ -36,7 +37,6 @@ from .oak_view import SAME_INTRINSICS_PX, check_view
 from .row_alignment import RowAlignment
 from .stereo import Gray, StereoMatcher, nearest_m, pair_crc
 from .stereo_errors import bias_coefficient, noise_coefficient
-from .torn_images import one_repeats
 
 DISPARITY_SIGMA_PX = 0.25
 """Noise of the subpixel matching on textured surfaces: a prior, the extractor measures the actual noise."""
@@ -49,11 +49,6 @@ _FRAMES = {
     (DEPTH, LEFT, RIGHT): "depth frame with both rectified images",
     (LEFT, RIGHT): "pair of rectified images",
 }
-_RESTART = "Restart the device"
-_UNTESTED = (
-    f"{_RESTART}; to fly by the device's own confidence alone, set match_correlation = 0, match_texture = 0 "
-    "and match_period = 1"
-)
 
 
 class OakSource:
@@ -75,7 +70,7 @@ class OakSource:
         self._info: CameraInfo | None = None
         self._waiting: DepthFrame | None = None
         self._stamps = OakStamps(settings.camera, self._correction)
-        self._pair_before: tuple[Gray, Gray] | None = None
+        self._messages = OakMessages(settings)
 
     @property
     def info(self) -> CameraInfo:
@@ -98,7 +93,7 @@ class OakSource:
             if len(self.settings.streams) > 1:
                 message = self._align(message)
                 self._info = self._describe(message)
-            images = {name: self._part(message, name) for name in self.settings.streams}
+            images = {name: self._messages.part(message, name) for name in self.settings.streams}
             check_view(images, self.settings.camera)
             self._waiting = self._frame(message)
         except Exception:
@@ -130,14 +125,15 @@ class OakSource:
             return frame
         message = self._next(timeout_s)
         self._stamps.check_clock()
-        return self._frame(message) if message is not None and self._apart_s(message) <= MOST_APART_S else None
+        together = message is not None and self._messages.apart_s(message) <= MOST_APART_S
+        return self._frame(message) if together else None
 
     def _first(self) -> Any:
         """The first message whose images were exposed together. Raises DeviceLost, and BadData where none were."""
         settings, apart_s = self.settings, 0.0
         until_s = time.monotonic() + settings.first_frame_s
         while (message := self._next(max(0.0, until_s - time.monotonic()))) is not None:
-            apart_s = self._apart_s(message)
+            apart_s = self._messages.apart_s(message)
             if apart_s <= MOST_APART_S:
                 return message
         if apart_s > MOST_APART_S:
@@ -158,7 +154,7 @@ class OakSource:
     def _align(self, message: Any) -> Any:
         """Aligns the rows by this message and those that follow, until they are known or show too few corners; returns the last
         one. Raises DeviceLost and BadData."""
-        while self._take_rows(*self._pair(message, self._size(message))) and not self._rows.settled:
+        while self._take_rows(*self._messages.pair(message)) and not self._rows.settled:
             message = self._first()
         self._rows.opened(self.info.intrinsics)
         return message
@@ -166,15 +162,6 @@ class OakSource:
     def _take_rows(self, left: Gray, right: Gray) -> bool:
         k = self.info.intrinsics
         return self._rows.take(left, self._rows.rotation.turned(right, k), k)
-
-    def _apart_s(self, message: Any) -> float:
-        """Time between the exposures of the left and the right image, 0 without images, and for images of different frames,
-        which `_pair` refuses. Raises BadData."""
-        parts = {name: self._part(message, name) for name in self.settings.streams}
-        if len(parts) == 1:
-            return 0.0
-        apart_s = abs(float((parts[LEFT].getTimestamp() - parts[RIGHT].getTimestamp()).total_seconds()))
-        return apart_s if apart_s <= self.settings.same_exposure_s else 0.0
 
     def _next(self, timeout_s: float) -> Any:
         """The newest message of the queue, None after timeout_s."""
@@ -200,10 +187,10 @@ class OakSource:
     def _frame(self, message: Any) -> DepthFrame:
         arrival_ns = time.monotonic_ns()
         self._check_view(message)
-        first = self._part(message, self.settings.streams[0])
+        first = self._messages.part(message, self.settings.streams[0])
         half_ns = 0
         if LEFT in self.settings.streams and not first.getExposureTime():  # the image states it, if the depth does not
-            half_ns = half_exposure_ns(self._part(message, LEFT))
+            half_ns = half_exposure_ns(self._messages.part(message, LEFT))
         return DepthFrame(
             camera=self.settings.camera,
             sequence=int(first.getSequenceNum()) % (1 << 32),
@@ -215,84 +202,37 @@ class OakSource:
 
     def _check_view(self, message: Any) -> None:
         """Raises BadData where size or intrinsics are not those of the first frame, which the service uses for all."""
-        expected, found = self.info.intrinsics, self._intrinsics(message)
+        expected, found = self.info.intrinsics, self._messages.intrinsics(message)
         if (found.width, found.height) != (expected.width, expected.height) or any(
             abs(getattr(found, name) - getattr(expected, name)) > SAME_INTRINSICS_PX
             for name in ("fx", "fy", "cx", "cy")
         ):
             raise BadData(
                 f"camera {self.settings.camera}: a frame has other intrinsics ({found}) than the first one ({expected}). "
-                f"{_RESTART}"
+                f"{RESTART}"
             )
-
-    def _part(self, message: Any, name: str) -> Any:
-        """The image of a name in a group; with one stream the message is its image. Raises BadData."""
-        import depthai as dai
-
-        if len(self.settings.streams) > 1:
-            if not isinstance(message, dai.MessageGroup) or name not in message.getMessageNames():
-                raise BadData(
-                    f"camera {self.settings.camera}: a frame without its {name} image, which the stereo matching needs. "
-                    f"{self._remedy}"
-                )
-            message = message[name]
-        if not isinstance(message, dai.ImgFrame):
-            raise BadData(
-                f"camera {self.settings.camera}: a {name} image of type {type(message).__name__}; expected ImgFrame. "
-                f"{self._remedy}"
-            )
-        return message
-
-    @property
-    def _remedy(self) -> str:
-        return _RESTART if self.settings.host_matching else _UNTESTED
 
     def _depth(self, message: Any) -> NDArray[np.uint16]:
         """(H, W) uint16 mm: matched on the host, or the device's depth, of which the images confirm each match. Raises
         BadData."""
         settings = self.settings
         if len(settings.streams) == 1:
-            return distances(self._pixels(self._part(message, DEPTH)))
-        left, right = self._pair(message, self._size(message))
+            return distances(self._messages.pixels(self._messages.part(message, DEPTH)))
+        left, right = self._messages.pair(message)
         if self._rows.due:
             self._take_rows(left, right)
         right = self._rows.rotation.turned(right, self.info.intrinsics)
         if self._matcher is not None:
             return self._matcher.depth(left, right, self.info.intrinsics.fx, self._open_link().baseline_m)
-        depth = distances(self._pixels(self._part(message, DEPTH)))
+        depth = distances(self._messages.pixels(self._messages.part(message, DEPTH)))
         if self._depth_alignment.due:
             self._depth_alignment.take(depth, (left, right), self._f_b_px_m(), settings.match)
         return confirmed_depth(depth, (left, right), self._f_b_px_m(), settings.match)
 
     def _images_crc(self) -> int:
         """Of the newest pair, see `DepthFrame.images_crc`."""
-        return 0 if self._matcher is None or self._pair_before is None else pair_crc(*self._pair_before)
-
-    def _pair(self, group: Any, shape: tuple[int, ...]) -> tuple[Gray, Gray]:
-        """The rectified left and right image (H, W) uint8. Raises BadData where they are not of this shape, not of the
-        exposure of the frame, not rectified, or where one of both repeats."""
-        stamp = self._part(group, self.settings.streams[0]).getTimestamp()
-        pair = []
-        for name in (LEFT, RIGHT):
-            message = self._part(group, name)
-            apart_s = abs((message.getTimestamp() - stamp).total_seconds())
-            image = self._decoded(message, name)
-            if image.dtype != np.uint8 or image.shape != shape:
-                raise BadData(
-                    f"camera {self.settings.camera}: a {name} image of {image.dtype}, rows and columns {image.shape}, for "
-                    f"a frame of {shape}; expected RAW8 of the same size. {self._remedy}"
-                )
-            if apart_s > self.settings.same_exposure_s:
-                raise BadData(
-                    f"camera {self.settings.camera}: a {name} image is stamped {apart_s:.3f} s from its frame. {self._remedy}"
-                )
-            pair.append(np.asarray(image, np.uint8))
-        before, self._pair_before = self._pair_before, (pair[0], pair[1])
-        if before is not None and one_repeats(self._pair_before, before):
-            raise BadData(
-                f"camera {self.settings.camera}: one of both images is that of an earlier frame, while the other one changed. {_RESTART}"
-            )
-        return pair[0], pair[1]
+        pair = self._messages.newest_pair
+        return 0 if self._matcher is None or pair is None else pair_crc(*pair)
 
     def _f_b_px_m(self) -> float:
         """Focal length times baseline."""
@@ -304,53 +244,8 @@ class OakSource:
             raise DeviceNotFound(f"camera {self.settings.camera}: not open; call open() first")
         return self._link
 
-    def _size(self, message: Any) -> tuple[int, ...]:
-        """(H, W) of the images of a frame. Raises BadData."""
-        first = self._part(message, self.settings.streams[0])
-        return self._decoded(first, LEFT).shape if self.settings.host_matching else self._pixels(first).shape
-
-    def _decoded(self, message: Any, name: str) -> NDArray[Any]:
-        """The pixels of an image. Raises BadData."""
-        try:
-            return decoded(message)
-        except (RuntimeError, ValueError) as error:  # fewer bytes than the size needs, or an unknown type
-            raise BadData(
-                f"camera {self.settings.camera}: a {name} image cannot be read ({first_line(error)}). {self._remedy}"
-            ) from error
-
-    def _pixels(self, message: Any) -> NDArray[np.uint16]:
-        import depthai as dai
-
-        pixels = self._decoded(message, DEPTH)
-        if message.getType() != dai.ImgFrame.Type.RAW16 or pixels.dtype != np.uint16 or pixels.ndim != 2:
-            raise BadData(
-                f"camera {self.settings.camera}: a frame of type {message.getType()}; expected RAW16, millimetres"
-            )
-        return np.ascontiguousarray(pixels)
-
-    def _intrinsics(self, message: Any) -> Intrinsics:
-        """Of the images of a frame. Raises BadData."""
-        height, width = self._size(message)
-        first = self._part(message, self.settings.streams[0])
-        transformation = first.getTransformation()
-        if tuple(transformation.getSize()) != (width, height):
-            stated = "x".join(str(side) for side in transformation.getSize())
-            raise BadData(
-                f"camera {self.settings.camera}: a frame has the intrinsics of an image of {stated}, its pixels are "
-                f"{width}x{height}. {_RESTART}"
-            )
-        matrix = np.array(transformation.getIntrinsicMatrix(), np.float64)
-        try:
-            return Intrinsics(
-                width, height, float(matrix[0, 0]), float(matrix[1, 1]), float(matrix[0, 2]), float(matrix[1, 2])
-            )
-        except ValueError as error:
-            raise BadData(
-                f"camera {self.settings.camera}: {error}; check that the device has its factory calibration"
-            ) from error
-
     def _describe(self, message: Any) -> CameraInfo:
-        intrinsics = self._intrinsics(message)
+        intrinsics = self._messages.intrinsics(message)
         optics = intrinsics.fx, self._open_link().baseline_m
         return CameraInfo(
             self.settings.camera,
