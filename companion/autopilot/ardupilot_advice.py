@@ -42,7 +42,7 @@ def ardupilot_faults(v: Mapping[str, float], avoid: AvoidParams) -> list[Paramet
     found += unless(v, "AVOID_BACKUP_SPD", 0.0, text, "it does not back away into unobserved space")
     if v.get("OA_TYPE") in BENDY_RULER:
         text = (
-            f"OA_TYPE = {v['OA_TYPE']:g}: in AUTO and RTL, with bit 6 of GUID_OPTIONS also in GUIDED, a path planner flies around "
+            f"OA_TYPE = {v['OA_TYPE']:g}: in AUTO, RTL and ZIGZAG, with bit 6 of GUID_OPTIONS also in GUIDED, a path planner flies around "
             "obstacles, and when blind around the wall into unobserved space; 0 switches it off"
         )
         found.append(ParameterFault(text, "OA_TYPE"))

@@ -38,9 +38,12 @@ _COPTER = {
     0: ("STABILIZE", Effect.NOTHING), 1: ("ACRO", Effect.NOTHING), 2: ("ALT_HOLD", Effect.LEANS),
     3: ("AUTO", Effect.NOTHING), 4: ("GUIDED", Effect.TARGETS), 5: ("LOITER", Effect.BRAKES), 6: ("RTL", Effect.NOTHING),
     7: ("CIRCLE", Effect.NOTHING), 9: ("LAND", Effect.NOTHING), 11: ("DRIFT", Effect.NOTHING),
-    13: ("SPORT", Effect.NOTHING), 16: ("POSHOLD", Effect.NOTHING), 17: ("BRAKE", Effect.STANDS),
-    20: ("GUIDED_NOGPS", Effect.NOTHING), 21: ("SMART_RTL", Effect.NOTHING), 22: ("FLOWHOLD", Effect.LEANS),
-    _FOLLOW: ("FOLLOW", Effect.UNKNOWN), 24: ("ZIGZAG", Effect.STICK), 27: ("AUTO_RTL", Effect.NOTHING),
+    13: ("SPORT", Effect.NOTHING), 14: ("FLIP", Effect.NOTHING), 15: ("AUTOTUNE", Effect.NOTHING),
+    16: ("POSHOLD", Effect.NOTHING), 17: ("BRAKE", Effect.STANDS), 18: ("THROW", Effect.NOTHING),
+    19: ("AVOID_ADSB", Effect.LEVEL), 20: ("GUIDED_NOGPS", Effect.NOTHING), 21: ("SMART_RTL", Effect.NOTHING),
+    22: ("FLOWHOLD", Effect.LEANS), _FOLLOW: ("FOLLOW", Effect.UNKNOWN), 24: ("ZIGZAG", Effect.STICK),
+    25: ("SYSTEMID", Effect.NOTHING), 26: ("AUTOROTATE", Effect.NOTHING), 27: ("AUTO_RTL", Effect.NOTHING),
+    28: ("TURTLE", Effect.NOTHING),
 }  # fmt: skip
 _COPTERS = frozenset({2, 3, 4, 13, 14, 15, 29, 35})
 """MAV_TYPE of ArduCopter and of PX4's multicopters: quadrotor to decarotor, and helicopter. Others do not brake as described here, and
@@ -131,6 +134,7 @@ def mode_fault(vehicle: Vehicle, facts: AutopilotFacts) -> str:
     if effect is Effect.WRONG_MODE:
         return f"{name} does not brake: {position_mode_fault(facts)}"
     where = "Position mode" if vehicle.autopilot == PX4 else "LOITER"
+    planner = facts.values.get("OA_TYPE")
     if effect is Effect.PLANS:
         return (
             f"{name} plans around obstacles: when blind also around the artificial wall, into unobserved space; not tested; "
@@ -139,9 +143,13 @@ def mode_fault(vehicle: Vehicle, facts: AutopilotFacts) -> str:
     if effect is Effect.LEANS:
         return f"{name} only leans away from obstacles: the pilot can override it; {where} stops"
     if effect is Effect.STICK:
-        return f"{name} {effect}: on the legs that it flies by itself it flies on, also when blind; {where} stops"
+        legs = "it flies on, also when blind"
+        if planner is None:
+            legs += ", or a path planner flies around: OA_TYPE is not known"
+        elif planner in BENDY_RULER:
+            legs = "a path planner (OA_TYPE) flies around obstacles, and when blind around the artificial wall into unobserved space"
+        return f"{name} {effect}: on the legs that it flies by itself {legs}; {where} stops"
     if effect is Effect.TARGETS:
-        planner = facts.values.get("OA_TYPE")
         plans = "; whether a path planner works (OA_TYPE) is not known" if planner is None else ""
         if planner in BENDY_RULER:
             plans = "; to position targets a path planner (OA_TYPE) may fly around the artificial wall"

@@ -37,13 +37,23 @@ COPTER = {
     "GUIDED": 4,
     "LOITER": 5,
     "RTL": 6,
+    "CIRCLE": 7,
     "LAND": 9,
+    "DRIFT": 11,
+    "SPORT": 13,
+    "FLIP": 14,
+    "AUTOTUNE": 15,
     "POSHOLD": 16,
     "BRAKE": 17,
+    "THROW": 18,
+    "AVOID_ADSB": 19,
     "SMART_RTL": 21,
     "FOLLOW": 23,
     "ZIGZAG": 24,
+    "SYSTEMID": 25,
+    "AUTOROTATE": 26,
     "AUTO_RTL": 27,
+    "TURTLE": 28,
     "mode 99": 99,
 }
 PX4 = {
@@ -144,9 +154,30 @@ def test_a_path_planner_is_not_said_to_lead_guided_around_obstacles() -> None:
 
 
 def test_the_legs_that_zigzag_flies_by_itself_do_not_brake() -> None:
-    """ModeZigZag::auto_control flies by the waypoint controller, which simple avoidance does not limit."""
-    text = mode_fault(vehicle("ArduPilot", COPTER["ZIGZAG"]), AutopilotFacts(kind="ArduPilot"))
-    assert text.startswith("ZIGZAG brakes for the pilot's stick alone:")
+    """ModeZigZag::auto_control flies by the waypoint controller, which simple avoidance does not limit, but a path planner does."""
+    texts = [
+        mode_fault(vehicle("ArduPilot", COPTER["ZIGZAG"]), AutopilotFacts(kind="ArduPilot", values=values))
+        for values in ({"OA_TYPE": 0.0}, {"OA_TYPE": 2.0}, {}, {"OA_TYPE": 1.0}, {"OA_TYPE": 3.0})
+    ]
+    assert all(text.startswith("ZIGZAG brakes for the pilot's stick alone:") for text in texts)
+    assert ["it flies on" in text for text in texts] == [True, True, True, False, False]
+    assert ["OA_TYPE is not known" in text for text in texts] == [False, False, True, False, False]
+    assert ["around the artificial wall into unobserved space" in text for text in texts] == [False] * 3 + [True] * 2
+
+
+@pytest.mark.parametrize(
+    "name", ["FLIP", "AUTOTUNE", "THROW", "SYSTEMID", "AUTOROTATE", "TURTLE", "DRIFT", "SPORT", "CIRCLE", "POSHOLD"]
+)
+def test_modes_without_simple_avoidance_are_not_said_to_brake(name: str) -> None:
+    """mode_*.cpp of ArduCopter: none of them calls AC_Avoid for horizontal movement; POSHOLD calls AC_Loiter::update(false)."""
+    facts = AutopilotFacts(kind="ArduPilot")
+    assert mode_of(vehicle("ArduPilot", COPTER[name]), facts)[1] is Effect.NOTHING
+
+
+def test_avoidance_of_other_aircraft_brakes_as_velocity_targets_do() -> None:
+    """ModeAvoidADSB::set_velocity gives velocities to GUIDED, also for a climb or descent."""
+    adsb = vehicle("ArduPilot", COPTER["AVOID_ADSB"])
+    assert mode_of(adsb, AutopilotFacts(kind="ArduPilot"))[1] is Effect.LEVEL
 
 
 @pytest.mark.parametrize("name", ["AUTO", "GUIDED", "RTL", "SMART_RTL", "AUTO_RTL"])
