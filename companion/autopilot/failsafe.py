@@ -86,6 +86,11 @@ class Policy:
     wall_m: float = 0.0  # distance of the artificial wall from the hull; 0 for `unknown`
     all_around: bool = False  # the wall is in all sectors, not only in those of blind cameras
 
+    @property
+    def wall_cm(self) -> int:
+        """Distance of the wall, rounded away from the vehicle, since PX4's wall must not be nearer than CP_DIST."""
+        return math.ceil(100.0 * self.wall_m - 1e-6)
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PolicyInput:
@@ -155,7 +160,7 @@ def braking_reach(given: PolicyInput, avoid: AvoidParams, policy: Policy) -> Bra
     that the vehicle approaches are always sent too, because PX4 needs them to brake. With a wall, obstacles that PX4 must brake
     for are sent as the wall elsewhere. Without a velocity the vehicle may approach each obstacle."""
     sent_cm = np.full(SECTORS, float(always_sent_cm(avoid)))
-    wall_cm = _wall_cm(policy) if policy.name == "brake" else 0
+    wall_cm = policy.wall_cm if policy.name == "brake" else 0
     closing = closing_m_s(given)
     approach_cm = wall_cm + 100.0 * APPROACH_S * closing if wall_cm > 0 else np.zeros(SECTORS)
     always_cm: NDArray[np.float64] = np.maximum(sent_cm, wall_cm)
@@ -193,7 +198,7 @@ class BlindPolicy:
         sent."""
         self._follow(given, policy, now_ns)
         if policy.name == "brake" and self._brakes(now_ns):
-            return np.full(SECTORS, _wall_cm(policy), np.uint16)
+            return np.full(SECTORS, policy.wall_cm, np.uint16)
         reach = braking_reach(given, self._avoid, policy)
         values = encoded(given.scan, self._avoid)
         values[~given.seeing & (values == clear_cm(self._avoid))] = UNKNOWN
@@ -212,7 +217,7 @@ class BlindPolicy:
         if given.on_ground:
             # no value above the farthest obstacle: it would mean clear
             farthest_cm = clear_cm(self._avoid) - 2
-            values[values < GROUND_CM] = min(_wall_cm(policy), farthest_cm) if policy.name == "stop" else UNKNOWN
+            values[values < GROUND_CM] = min(policy.wall_cm, farthest_cm) if policy.name == "stop" else UNKNOWN
         blind_ns = 0 if self._all_blind_since_ns is None else now_ns - self._all_blind_since_ns
         return None if blind_ns > self._avoid.silence_s * NS and policy.name != "stop" else values
 
@@ -304,12 +309,6 @@ class BlindPolicy:
         return np.where(
             (nearest <= always_sent_cm(self._avoid)) | (given.scan.state != SectorState.UNSEEN), nearest, out
         )
-
-
-def _wall_cm(policy: Policy) -> int:
-    """Returns the distance of the wall, rounded away from the vehicle, since PX4's wall must not be nearer than
-    CP_DIST."""
-    return math.ceil(100.0 * policy.wall_m - 1e-6)
 
 
 class Recovery:

@@ -96,11 +96,11 @@ def for_coarse_bins(values: NDArray[np.uint16], clear: int, reach: BrakingReach)
     return out
 
 
-def for_empty_faces(values: NDArray[np.uint16], clear: int, autopilot: str) -> NDArray[np.uint16]:
-    """Returns the values for ArduPilot, with the farthest distance in an empty face that would open its fence.
+def for_empty_faces(values: NDArray[np.uint16], clear: int, unknown_cm: int) -> NDArray[np.uint16]:
+    """Returns the values for ArduPilot, with a distance in an empty face that would open its fence.
 
-    Its fence is then nowhere beyond an obstacle. To other kinds no unknown element changes: PX4 moves into sectors with a
-    value. autopilot: kind of the autopilot."""
+    Its fence is then nowhere beyond an obstacle. A clear element of the face gets the farthest distance; where there is none, an
+    unknown one gets unknown_cm. 0: it stays unknown."""
     out = values.copy()
     occupied = values < clear
     for first, empty, third in READ_BEFORE:
@@ -108,10 +108,11 @@ def for_empty_faces(values: NDArray[np.uint16], clear: int, autopilot: str) -> N
         if not beside or occupied[empty == FACE].any():
             continue
         places = np.flatnonzero((empty == FACE) & (values == clear))
-        if not len(places) and autopilot == ARDUPILOT:
-            places = np.flatnonzero(empty == FACE)
         if len(places):
             out[places[len(places) // 2]] = clear - 2
+        elif unknown_cm:
+            places = np.flatnonzero(empty == FACE)
+            out[places[len(places) // 2]] = unknown_cm
     return out
 
 
@@ -134,25 +135,32 @@ def for_front_face(values: NDArray[np.uint16], clear: int) -> NDArray[np.uint16]
 
 
 def for_reader(
-    values: NDArray[np.uint16], avoid: AvoidParams, autopilot: str, reach: BrakingReach | None = None
+    values: NDArray[np.uint16],
+    avoid: AvoidParams,
+    autopilot: str,
+    reach: BrakingReach | None = None,
+    wall_cm: int = 0,
 ) -> NDArray[np.uint16]:
     """Returns the values in the form that this kind of autopilot needs; for an unknown kind in the form that suits
     each kind.
 
-    An unknown kind may take unknown for clear, so that no obstacle is replaced by unknown for it.
+    An unknown kind may take unknown for clear, so that no obstacle is replaced by unknown for it. It may also move into sectors
+    with a value, so that none farther than the wall replaces unknown.
 
     Args:
         values: (72,) cm.
         avoid: parameters.
         autopilot: kind of the autopilot.
-        reach: obstacles that are sent to PX4 beside unknown; None: only near ones."""
+        reach: obstacles that are sent to PX4 beside unknown; None: only near ones.
+        wall_cm: distance of the artificial wall of the policy `stop`; 0: none."""
     clear = clear_cm(avoid)
     if autopilot != ARDUPILOT:
         near = only_near(always_sent_cm(avoid)) if reach is None else reach
         values = for_coarse_bins(values, clear, near if autopilot == PX4 else only_near(clear))
     if autopilot == PX4:
         return values
-    return for_front_face(for_empty_faces(values, clear, autopilot), clear)
+    unknown_cm = clear - 2 if autopilot == ARDUPILOT else min(wall_cm, clear - 2)
+    return for_front_face(for_empty_faces(values, clear, unknown_cm), clear)
 
 
 def obstacle_distance_message(values: NDArray[np.uint16], time_us: int, avoid: AvoidParams) -> Any:

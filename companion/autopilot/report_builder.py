@@ -244,7 +244,8 @@ class ObstacleReportBuilder:
         policy = policy_of(self._avoid, autopilot)
         values = self._policy.values(given, policy, d.now_ns)
         if values is not None:
-            values = for_reader(values, self._avoid, autopilot.kind, braking_reach(given, self._avoid, policy))
+            reach, wall_cm = braking_reach(given, self._avoid, policy), policy.wall_cm if policy.name == "stop" else 0
+            values = for_reader(values, self._avoid, autopilot.kind, reach, wall_cm)
         return ObstacleReport(d.now_ns, values, d.blind, policy.name, d.fault, exposed_ns=self._exposed_ns(d.seeing))
 
     def _cause(self, camera: str, here: Here | None, now_ns: int) -> str:

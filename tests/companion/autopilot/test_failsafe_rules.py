@@ -94,7 +94,8 @@ def test_the_rules_hold_in_every_state(seed: int, autopilot: AutopilotNow, blind
             assert policy.name != "stop"
             assert not view.seeing.any()
             continue
-        sent = for_reader(values, avoid, autopilot.kind, braking_reach(view, avoid, policy))
+        wall_cm = policy.wall_cm if policy.name == "stop" else 0
+        sent = for_reader(values, avoid, autopilot.kind, braking_reach(view, avoid, policy), wall_cm)
         clear = sent == CLEAR
         seen_clear = (view.scan.state == SectorState.CLEAR) & view.seeing
         assert not (clear & ~seen_clear).any()

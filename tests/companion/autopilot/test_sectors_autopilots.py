@@ -112,9 +112,13 @@ def test_the_nearer_half_of_the_front_face_counts_whatever_the_low_pass(
 
 @given(
     st.dictionaries(st.integers(0, 71), st.integers(70, 1199), min_size=1, max_size=8),
-    st.sampled_from([("ArduPilot", UNKNOWN), ("ArduPilot", 1201), ("autopilot 8", 1201), ("ArduPilot or PX4", 1201)]),
+    st.sampled_from(
+        [(kind, cm) for kind in ("ArduPilot", "autopilot 8", "ArduPilot or PX4") for cm in (UNKNOWN, clear_cm(AVOID))]
+    ),
     st.booleans(),
 )
+@example({6: 400, 66: 1000}, ("ArduPilot or PX4", UNKNOWN), False)
+@example({2: 400, 54: 1000}, ("autopilot 8", UNKNOWN), False)
 @example({6: 400, 66: 1000}, ("ArduPilot", 1201), False)
 @example({2: 400, 54: 1000}, ("ArduPilot", 1201), False)
 @example({2: 400, 54: 1000}, ("ArduPilot", UNKNOWN), True)
@@ -126,7 +130,7 @@ def test_the_fence_of_ardupilot_is_beyond_no_obstacle_whatever_is_beside_it(
     autopilot, elsewhere = case
     values = np.full(SECTORS, elsewhere, np.uint16)
     values[list(nearest_cm)] = list(nearest_cm.values())
-    sent = for_reader(values, AVOID, autopilot)
+    sent = for_reader(values, AVOID, autopilot, wall_cm=302)
     reader = ArduPilotReader(backs_up=False)
     if points:
         layers = ArduPilotLayers(reader)
@@ -161,13 +165,20 @@ def test_both_corners_of_a_face_are_as_near_as_its_obstacle_whatever_is_in_the_o
 
 
 @pytest.mark.parametrize(
-    ("autopilot", "filled"), [("ArduPilot", 1199), ("autopilot 8", UNKNOWN), ("ArduPilot or PX4", UNKNOWN)]
+    ("autopilot", "wall_cm", "filled"),
+    [
+        ("ArduPilot", 302, 1199),
+        ("autopilot 8", 302, 302),
+        ("ArduPilot or PX4", 302, 302),
+        ("ArduPilot or PX4", 0, UNKNOWN),
+        ("PX4", 302, UNKNOWN),
+    ],
 )
-def test_no_unknown_sector_gets_a_value_unless_the_autopilot_is_ardupilot(autopilot: str, filled: int) -> None:
-    """PX4 moves into a sector with a value; what another kind does is not known."""
+def test_an_unknown_sector_gets_no_value_by_which_px4_moves_into_it(autopilot: str, wall_cm: int, filled: int) -> None:
+    """PX4 moves into a sector with a value that is farther than the artificial wall; what another kind does is not known."""
     values = np.full(SECTORS, UNKNOWN, np.uint16)
     values[[2, 54]] = 400, 1000
-    sent = for_reader(values, AVOID, autopilot)[[face_of(5.0 * i) == 7 for i in range(SECTORS)]]
+    sent = for_reader(values, AVOID, autopilot, wall_cm=wall_cm)[[face_of(5.0 * i) == 7 for i in range(SECTORS)]]
     assert sent.min() == filled
     assert (sent != UNKNOWN).sum() == (filled != UNKNOWN)
 
