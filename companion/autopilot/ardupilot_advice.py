@@ -10,6 +10,10 @@ from .failsafe import FENCE_SHARE
 from .parameter_fault import ParameterFault, keep_m, unless
 from .parameters import RC_OPTIONS
 
+LEAST_MARGIN_M = 0.5
+"""AVOID_MARGIN. The fence of ArduPilot has no corner nearer than 0.6 m, and the artificial wall is not nearer than min_distance_m."""
+LEAST_DEAD_ZONE_M = 0.05
+"""AVOID_BACKUP_DZ: the fence of the artificial wall is up to STOP_INSIDE_M (0.04 m) inside of AVOID_MARGIN."""
 LEAST_CUTOFF_HZ = 1.0
 """Of ArduPilot's low pass on the distance of a face. It delays an approaching obstacle by 1 / (2 pi f); 0: no low pass."""
 MAVLINK_SENSOR = 2.0
@@ -33,19 +37,38 @@ def ardupilot_faults(v: Mapping[str, float], avoid: AvoidParams) -> list[Paramet
         text = f"AVOID_MARGIN = {margin_m:g} m leaves no room below [avoid] max_distance_m = {far_m:g} m"
         to = min(2.0, keep_m(avoid))
         found.append(ParameterFault(text, "AVOID_MARGIN", to, "room below [avoid] max_distance_m, in m"))
+    if margin_m < LEAST_MARGIN_M:
+        text = f"AVOID_MARGIN = {margin_m:g} m is too small: when blind the vehicle creeps on in LOITER; set it to 2 m"
+        found.append(ParameterFault(text, "AVOID_MARGIN", min(2.0, keep_m(avoid)), "the distance to keep, in m"))
     text = "AVOID_BEHAVE = {:g}: in LOITER it slides along obstacles instead of stopping; set it to 1"
     found += unless(v, "AVOID_BEHAVE", 1.0, text, "it stops instead of sliding along obstacles")
-    text = (
-        "AVOID_BACKUP_SPD = {:g} m/s: nearer than AVOID_MARGIN it backs away into directions that no camera may cover; 0 "
-        "makes it stand"
-    )
-    found += unless(v, "AVOID_BACKUP_SPD", 0.0, text, "it does not back away into unobserved space")
+    found += _backing_faults(v, avoid)
     if v.get("OA_TYPE") in BENDY_RULER:
         text = (
             f"OA_TYPE = {v['OA_TYPE']:g}: in AUTO, RTL and ZIGZAG, with bit 6 of GUID_OPTIONS also in GUIDED, a path planner flies around "
             "obstacles, and when blind around the wall into unobserved space; 0 switches it off"
         )
         found.append(ParameterFault(text, "OA_TYPE"))
+    return found
+
+
+def _backing_faults(v: Mapping[str, float], avoid: AvoidParams) -> list[ParameterFault]:
+    """Returns the faults of parameters by which ArduPilot moves away from what is nearer than AVOID_MARGIN. It does so without
+    regard to directions that nothing was sent for."""
+    wall = ""
+    if v.get("AVOID_BACKUP_DZ", LEAST_DEAD_ZONE_M) < LEAST_DEAD_ZONE_M:
+        wall = f", with AVOID_BACKUP_DZ = {v['AVOID_BACKUP_DZ']:g} m also from the artificial wall, without end"
+    text = (
+        "AVOID_BACKUP_SPD = {:g} m/s: nearer than AVOID_MARGIN it backs away into directions that no camera may cover"
+        f"{wall}; 0 makes it stand"
+    )
+    found = unless(v, "AVOID_BACKUP_SPD", 0.0, text, "it does not back away into unobserved space")
+    if avoid.points or avoid.upward:
+        text = (
+            "AVOID_BACKZ_SPD = {:g} m/s: nearer than AVOID_MARGIN it climbs or descends away from what is below or above "
+            "(points, upward), whatever is there; 0 switches it off"
+        )
+        found += unless(v, "AVOID_BACKZ_SPD", 0.0, text, "it neither climbs nor descends to keep its distance")
     return found
 
 

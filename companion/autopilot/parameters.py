@@ -18,7 +18,8 @@ WANTED = {
     PX4: ("CP_DIST", "CP_DELAY", "CP_GO_NO_DATA", "MPC_POS_MODE", "COM_OBS_AVOID"),
     ARDUPILOT: (
         "AVOID_MARGIN", "PRX1_TYPE", "AVOID_ENABLE", "AVOID_BEHAVE", "AVOID_BACKUP_SPD", "OA_TYPE", "PRX1_MIN", "PRX1_MAX",
-        "PRX2_TYPE", "PRX1_ORIENT", "PRX1_YAW_CORR", "PRX_IGN_GND", "PRX_FILT", "AVOID_ALT_MIN", "AVOID_ACCEL_MAX", *RC_OPTIONS,
+        "PRX2_TYPE", "PRX1_ORIENT", "PRX1_YAW_CORR", "PRX_IGN_GND", "PRX_FILT", "AVOID_ALT_MIN", "AVOID_ACCEL_MAX",
+        "AVOID_BACKUP_DZ", "AVOID_BACKZ_SPD", *RC_OPTIONS,
     ),
 }  # fmt: skip
 GUARD = {PX4: ("MPC_YAW_MODE", "RTL_HDG_MD"), ARDUPILOT: ("WP_YAW_BEHAVIOR", "FLTMODE_GCSBLOCK")}
@@ -39,6 +40,8 @@ OPTIONAL = frozenset(
         "PRX_FILT",
         "AVOID_ALT_MIN",
         "AVOID_ACCEL_MAX",
+        "AVOID_BACKUP_DZ",
+        "AVOID_BACKZ_SPD",
     }
 )
 """Parameters that not every firmware has: no answer for them is not reported."""

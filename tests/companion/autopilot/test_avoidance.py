@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
 from companion.autopilot.firmware_version import FirmwareVersion
@@ -96,6 +98,9 @@ def test_a_parameter_without_an_answer_is_requested_again_and_reported() -> None
         (ARDUPILOT, {"AVOID_MARGIN": 11.9}, "AVOID_MARGIN = 11.9"),
         (ARDUPILOT, {"AVOID_BEHAVE": 0.0}, "AVOID_BEHAVE = 0"),
         (ARDUPILOT, {"AVOID_BACKUP_SPD": 0.75}, "backs away"),
+        (ARDUPILOT, {"AVOID_BACKUP_SPD": 0.75, "AVOID_BACKUP_DZ": 0.1}, "that no camera may cover; 0 makes it stand"),
+        (ARDUPILOT, {"AVOID_BACKUP_SPD": 0.75, "AVOID_BACKUP_DZ": 0.03}, "also from the artificial wall, without end"),
+        (ARDUPILOT, {"AVOID_MARGIN": 0.2}, "AVOID_MARGIN = 0.2 m is too small"),
         (ARDUPILOT, {"OA_TYPE": 1.0}, "when blind around the wall"),
     ],
 )
@@ -114,6 +119,19 @@ def test_a_delay_shorter_than_what_was_measured_is_reported_with_the_one_to_set(
     assert lines.endswith("set CP_DELAY to 0.3")
     assert delay_advice(late, None) == delay_advice(AutopilotFacts(kind=PX4), measured) == []
     assert delay_advice(AutopilotFacts(kind=ARDUPILOT, values={"CP_DELAY": 0.2}), measured) == []
+
+
+def test_backing_up_or_down_is_reported_where_heights_are_sent() -> None:
+    """AC_Avoid::adjust_velocity, adjust_velocity_z: OBSTACLE_DISTANCE has no vertical part, so that it makes no vehicle climb or
+    descend. Without backing away, AVOID_BACKUP_DZ changes nothing."""
+    facts = AutopilotFacts(
+        kind=ARDUPILOT, values={"AVOID_BACKZ_SPD": 0.75, "AVOID_BACKUP_SPD": 0.0, "AVOID_BACKUP_DZ": 0.0}
+    )
+    assert advice(facts, AVOID) == []
+    for avoid in (replace(AVOID, points=True), replace(AVOID, upward=True)):
+        (line,) = advice(facts, avoid)
+        assert "AVOID_BACKZ_SPD = 0.75 m/s" in line
+    assert advice(AutopilotFacts(kind=ARDUPILOT, values={"AVOID_BACKZ_SPD": 0.0}), replace(AVOID, points=True)) == []
 
 
 def test_good_parameters_are_not_reported() -> None:
