@@ -72,6 +72,7 @@ _PX4_AUTO = {
     5: ("Return", Effect.NOTHING),
     6: ("Land", Effect.NOTHING),
     8: ("Follow", Effect.NOTHING),
+    9: ("Precision Land", Effect.NOTHING),
 }
 
 
