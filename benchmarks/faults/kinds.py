@@ -66,7 +66,7 @@ KINDS: dict[str, Kind] = {
     "answers late": _between("answer_delay_ns", 0.02 * NS, 0.8 * NS, 3.0),
     "answers wrong": _between("answer_shift_ns", 0.02 * NS, 5.0 * NS, 5.0, both_signs=True),
     "answers scattered": _between("answer_scatter_ns", 0.02 * NS, 2.0 * NS, 5.0),
-    "another autopilot": _switch(second_system_id=2),
+    "another autopilot": _switch(second_system_id=2, recovery_s=61.0),
     "another autopilot with the same id": _switch(second_system_id=1, recovery_s=5.0),
     "nothing received": _switch(link_up=False, recovery_s=3.0),
     "nothing sent": _switch(link_down=False, recovery_s=3.0),

@@ -9,6 +9,7 @@ from drivers.base import DriverError
 from drivers.sharing.zenoh_link import is_authenticated
 
 from ..config.loader import Config
+from ..config.share import AUTOPILOT_LINE
 from ..diagnostic import DiagnosticCode
 from .finding import Finding
 
@@ -28,6 +29,12 @@ def share_findings(config: Config) -> Iterator[Finding]:
         yield Finding(PART, False, text, DiagnosticCode.SHARE_NOT_AUTHENTICATED)
     elif share.tunnel:
         yield Finding(PART, True, f'tunnel = "{share.tunnel}", only signed messages are accepted')
+    if share.tunnel == AUTOPILOT_LINE and not config.autopilot.system_id:
+        text = (
+            'tunnel = "autopilot" without [autopilot] system_id: other vehicles are received on the autopilot\'s line, and while it '
+            "is not known which one carries this computer all cameras are blind; set it to the id of this vehicle"
+        )
+        yield Finding(PART, False, text, DiagnosticCode.SEVERAL_VEHICLES)
     if share.zenoh:
         yield _zenoh_finding(Path(share.zenoh))
 

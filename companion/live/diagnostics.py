@@ -97,6 +97,8 @@ def _attitude_diagnostics(view: AutopilotView) -> list[Diagnostic]:
         return [Diagnostic(DiagnosticCode.ATTITUDE_REPEATED, "", REPEATED_TEXT)]
     if view.attitude_age_ns is not None and view.attitude_age_ns <= ATTITUDE_OLD_NS:
         return []
+    if view.status.vehicle_uncertain and view.status.attitude_hz > 0.0:
+        return []  # the conflict that is reported says why it is not used
     age = "was never received" if view.attitude_age_ns is None else f"is {view.attitude_age_ns / NS:.1f} s old"
     text = f"the attitude {age}: the autopilot does not send it or the link is interrupted"
     if view.status.attitude_hz > 0.0 and not view.status.stamps_used:

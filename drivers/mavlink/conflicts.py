@@ -17,7 +17,8 @@ from .session_types import ARDUPILOT
 RECENT_NS = 10 * NS
 """A conflict is reported for this time after the last message that caused it."""
 SEVERAL_NS = 60 * NS
-"""For this time after the last heartbeat of a second vehicle it is not known which vehicle carries this computer."""
+"""For this time after the last heartbeat of a second vehicle it is not known which vehicle carries this computer. The own one may have
+fallen silent and still receive; and the cameras must not see and be blind in turns with each heartbeat of a vehicle far away."""
 _TO_ORIENTATION = struct.Struct("<I3H3B")
 """The fields of DISTANCE_SENSOR up to its MAV_SENSOR_ORIENTATION."""
 HORIZONTAL = dialect.MAV_SENSOR_ROTATION_YAW_315
@@ -81,6 +82,14 @@ class ConflictDetector:
         """Records an autopilot that counts now, or a heartbeat of one whose system id the configuration does not exclude."""
         _remember(self._vehicles, system, now_ns)
 
+    def several_vehicles(self, now_ns: int) -> bool:
+        """Returns whether several autopilots were received whose system ids the configuration does not exclude: it is not known which
+        one carries this computer."""
+        return len(self._vehicles) > 1 and len(self._recent_vehicles(now_ns)) > 1
+
+    def _recent_vehicles(self, now_ns: int) -> list[int]:
+        return sorted(s for s, at_ns in self._vehicles.items() if now_ns - at_ns < SEVERAL_NS)
+
     def kind(self, kind: str, now_ns: int) -> str:
         """Returns the kind to use for an autopilot whose heartbeat reports `kind`.
 
@@ -137,11 +146,12 @@ class ConflictDetector:
                 f"another sender uses component {self._component}: a second companion has the same ids; switch it off, or set "
                 "another [autopilot] component_id"
             )
-        vehicles = sorted(s for s, at_ns in self._vehicles.items() if now_ns - at_ns < SEVERAL_NS)
+        vehicles = self._recent_vehicles(now_ns)
         if not configured and (len(vehicles) > 1 or self._replaced):
+            used = "no attitude is used" if len(vehicles) > 1 else "the present one is used"
             texts_by_topic["several vehicles"] = (
                 f"autopilots of several system ids: {', '.join(map(str, vehicles)) or 'none now'}; it is not known which one "
-                "carries this computer; set [autopilot] system_id to it and restart the service"
+                f"carries this computer, {used}; set [autopilot] system_id to it and restart the service"
             )
         others = sorted(s for s, at_ns in self._left_out.items() if _recent(at_ns, now_ns))
         if configured and others and not connected:

@@ -63,13 +63,23 @@ class MotionDecoder:
     Of two kinds with the same content the better one is used: the quaternion (no gimbal lock), and ODOMETRY (it
     reports jumps of the estimate). PX4 sends ODOMETRY also while its position is not valid (EKF2::PublishOdometry), and
     LOCAL_POSITION_NED only while position and velocity are; ArduPilot likewise. ODOMETRY is therefore used only while
-    LOCAL_POSITION_NED arrives, and not much more often than it. No sample is made while two vehicles send with the same ids.
+    LOCAL_POSITION_NED arrives, and not much more often than it. No sample is made while it is not known whose the messages are.
     counts: refused messages, by cause."""
 
-    def __init__(self, clock: ClockFilter, two_clocks_answer: Callable[[int], bool] = lambda now_ns: False) -> None:
-        """two_clocks_answer: returns whether requests of TIMESYNC are answered by two clocks, at a local instant."""
+    def __init__(
+        self,
+        clock: ClockFilter,
+        two_clocks_answer: Callable[[int], bool] = lambda now_ns: False,
+        several_vehicles: Callable[[int], bool] = lambda now_ns: False,
+    ) -> None:
+        """Creates a decoder.
+
+        Args:
+            clock: of the autopilot.
+            two_clocks_answer: returns whether requests of TIMESYNC are answered by two clocks, at a local instant.
+            several_vehicles: returns whether the received vehicle may not be the own one, at a local instant."""
         self._clock = clock
-        self._two_clocks_answer = two_clocks_answer
+        self._two_clocks_answer, self._several_vehicles = two_clocks_answer, several_vehicles
         # of each kind: older versions of ArduPilot correct ATTITUDE alone by AHRS_TRIM
         self._contradictory = {kind: ContradictoryAttitude() for kind in (ATTITUDE_ID, ATTITUDE_QUATERNION_ID)}
         self._quaternion_ns: int | None = None
@@ -122,10 +132,10 @@ class MotionDecoder:
         return self._two_clocks_answer(now_ns) or any(c.found(now_ns) for c in self._contradictory.values())
 
     def _whose_is_unknown(self, now_ns: int) -> bool:
-        """Returns whether messages may be of a second vehicle: also where timestamps contradict each other and no answer shows
-        which of them are the autopilot's."""
+        """Returns whether messages may be of another vehicle than the own one: also where timestamps contradict each other and no
+        answer shows which of them are the autopilot's."""
         mixed = self._clock.estimate.source is not ClockSource.TIMESYNC and self._clock.mixed(now_ns)
-        return mixed or self.two_vehicles(now_ns)
+        return mixed or self.two_vehicles(now_ns) or self._several_vehicles(now_ns)
 
     def _stamp_error_ns(self) -> int:
         """Returns the greatest error of a stamp."""

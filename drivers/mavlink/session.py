@@ -87,12 +87,12 @@ class MavlinkSession:
         self._on_frame, self._on_message, self._reads = on_frame, on_message, reads
         self._on_foreign, self._foreign_ids = on_foreign, foreign_ids
         self._timesync = TimeSync(self.clock)
-        self._motion = MotionDecoder(self.clock, self._timesync.two_clocks_answer)
+        self._conflicts = ConflictDetector(self.params.component_id)
+        self._motion = MotionDecoder(self.clock, self._timesync.two_clocks_answer, self._conflicts.several_vehicles)
         self.rates = RateMonitor(self.params.rate_requests())
         self._splitters: OrderedDict[Source, MessageSplitter] = OrderedDict()
         self._splitter_counts: Counter[LinkAnomaly] = Counter()
         self._signing = signing or Signing()
-        self._conflicts = ConflictDetector(self.params.component_id)
         self._place = 0
         self.last_chunk: int | None = None
         self._encoder = dialect.MAVLink(None)
@@ -394,4 +394,5 @@ class MavlinkSession:
             timesync_answered=self._timesync.synchronises(now_ns),
             attitude_repeated=self._motion.attitude_repeated(now_ns),
             stamps_used=self.clock.usable,
+            vehicle_uncertain=self._conflicts.several_vehicles(now_ns) or self._motion.two_vehicles(now_ns),
         )

@@ -82,5 +82,7 @@ class LinkStatus:
     """The autopilot's attitudes are refused, because they repeat an earlier one with new timestamps."""
     stamps_used: bool = True
     """The autopilot's clock is known: samples are made of its messages of motion."""
+    vehicle_uncertain: bool = False
+    """No motion is used, because it may be that of another vehicle; `conflicts` says why."""
     conflicts: dict[str, str] = field(default_factory=dict)
     """Topic -> what is wrong with others on the line, as text."""

@@ -46,9 +46,9 @@ def test_another_vehicle_takes_over_only_when_ours_is_silent() -> None:
 def test_the_attitude_of_another_vehicle_is_not_used_for_one_that_fell_silent_in_flight() -> None:
     """Its messages are lost, and it still receives: obstacles at the attitude of another one, by way of a router, would be wrong."""
     c = talk(PX4, boot_at_ns=0, armed=True)
-    c.autopilots.append(SimulatedAutopilot(FirmwareProfile(kind=ARDUPILOT, system_id=7, boot_at_ns=50 * NS)))
     c.run(6.0)
     assert c.samples
+    c.autopilots.append(SimulatedAutopilot(FirmwareProfile(kind=ARDUPILOT, system_id=7, boot_at_ns=50 * NS)))
     c.autopilots[0].sends_nothing = True
     c.samples.clear()
     c.run(20.0)
@@ -60,6 +60,33 @@ def test_the_attitude_of_another_vehicle_is_not_used_for_one_that_fell_silent_in
     c.now_ns += IN_FLIGHT_NS  # it has landed somewhere, or this computer is on another vehicle
     c.run(2.0)
     assert c.session.vehicle.system_id == 7
+
+
+@pytest.mark.parametrize("first_s", [0.0, 6.0])
+def test_no_attitude_is_used_while_several_vehicles_are_received_and_none_is_configured(first_s: float) -> None:
+    """Both autopilots take the obstacles, and the one received first may be another operator's: sectors seen clear by its attitude
+    would be wrong."""
+    both = [FirmwareProfile(kind=ARDUPILOT, system_id=system, boot_at_ns=50 * NS, armed=True) for system in (7, 1)]
+    for configured in (0, 1):
+        c = Conversation(MavlinkSession(MavlinkParams(system_id=configured)), [SimulatedAutopilot(both[0])])
+        c.run(first_s)
+        c.autopilots.append(SimulatedAutopilot(both[1]))
+        c.run(1.1)
+        c.samples.clear()
+        c.run(4.0)
+        status = c.session.status(c.now_ns)
+        assert bool(c.samples) == bool(configured)
+        assert status.vehicle_uncertain != bool(configured)
+        assert ("several vehicles" in status.conflicts) != bool(configured)
+        if configured:
+            continue
+        assert "no attitude is used" in status.conflicts["several vehicles"]
+        c.autopilots.pop()
+        c.run(55.0)
+        assert c.samples == []
+        c.run(6.0)
+        assert c.samples
+        assert not c.session.status(c.now_ns).vehicle_uncertain
 
 
 @pytest.mark.parametrize("vehicle_type", [dialect.MAV_TYPE_ANTENNA_TRACKER, dialect.MAV_TYPE_GCS])

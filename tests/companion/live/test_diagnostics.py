@@ -310,3 +310,15 @@ def test_the_health_report_holds_code_and_text(tmp_path: Path) -> None:
     assert [d.text for d in published[1].diagnostics] == list(published[1].troubles)
     assert [d.camera for d in published[1].diagnostics[-2:]] == ["front", "front"]
     assert list(published[1].changed_safety_keys) == ["[avoid] clear_share = 0.5 (default 0.8)"]
+
+
+@pytest.mark.parametrize("arrives", [True, False])
+def test_an_attitude_that_may_be_of_another_vehicle_is_called_missing_only_if_none_arrives(arrives: bool) -> None:
+    view = autopilot(ClockEstimate(ClockSource.TIMESYNC, bound_ns=800_000), attitude_age_ns=9 * S)
+    conflicts = {"several vehicles": "autopilots of several system ids: 1, 7; no attitude is used"}
+    status = replace(
+        view.status, vehicle_uncertain=True, conflicts=conflicts, attitude_hz=view.status.attitude_hz * arrives
+    )
+    codes = [d.code.value for d in diagnostics_of([], replace(view, status=status), None, "")]
+    found = [code for code in codes if code != "no_camera_configured"]
+    assert found == ["several_vehicles"] + ["attitude_stale"] * (not arrives)

@@ -12,6 +12,7 @@ import zmq
 
 from companion.config.loader import config_of
 from companion.diagnostic import DiagnosticCode
+from companion.doctor.share_check import share_findings
 from companion.paths import Folders
 from companion.share.autopilot_tunnel import AutopilotTunnel
 from companion.share.share_service import REQUEST_AGAIN_NS, REQUEST_NS, ShareService
@@ -236,3 +237,19 @@ def test_timestamps_of_signatures_that_are_not_saved_are_reported(tmp_path: Path
         expected = "are not saved (RuntimeError: injected)" if how == "ended" else "cannot be kept"
         assert texts()[0].startswith("line to other vehicles: ")
         assert expected in texts()[0]
+
+
+@pytest.mark.parametrize(
+    ("tunnel", "system_id", "found"),
+    [("autopilot", 0, True), ("autopilot", 7, False), ("serial:/dev/radio:57600", 0, False)],
+)
+def test_the_doctor_asks_for_the_system_id_where_other_vehicles_are_received(
+    tunnel: str, system_id: int, found: bool
+) -> None:
+    content = {
+        "autopilot": {"address": "udpin:127.0.0.1:14599", "system_id": system_id},
+        "publish": {"world": "ipc://{run}/world", "world_requests": "ipc://{run}/snapshot"},
+        "share": {"enabled": True, "tunnel": tunnel},
+    }
+    codes = [finding.code for finding in share_findings(config_of(content, "test"))]
+    assert (DiagnosticCode.SEVERAL_VEHICLES in codes) == found
