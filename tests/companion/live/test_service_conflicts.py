@@ -36,6 +36,9 @@ WALL_CM = 266
 @pytest.fixture(scope="module")
 def avoiding(tmp_path_factory: pytest.TempPathFactory, renders: Path) -> Iterator[AvoidingService]:
     sections = CONFIG.replace("restart_s = 1.5", "restart_s = 20.0")  # `blind_after` ends the camera process earlier
+    sections = sections.replace(
+        "[avoid]", "system_id = 1\n\n[avoid]"
+    )  # without it a second vehicle makes the cameras blind
     live = Live(tmp_path_factory.mktemp("conflicts"), sections, renders, quick=True)
     with flown(live, ARDUPILOT) as line:
         avoiding = AvoidingService(live, line, ARDUPILOT)
