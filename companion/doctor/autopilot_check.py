@@ -16,6 +16,7 @@ from drivers.mavlink.session_types import ARDUPILOT, PX4, LinkStatus, Vehicle
 from ..autopilot.clock_note import LARGE_BOUND_NS
 from ..autopilot.conflict_codes import conflict_diagnostics
 from ..autopilot.firmware_version import VersionReader
+from ..autopilot.no_heartbeat import no_heartbeat_remedy
 from ..autopilot.parameter_advice import advice
 from ..autopilot.parameter_fault import AutopilotFacts
 from ..autopilot.parameters import ParameterReader
@@ -171,14 +172,10 @@ def link_findings(config: Config, link: MavlinkLink, status: LinkStatus) -> Iter
         yield Finding("autopilot", False, f"the link is not open: {error}", DiagnosticCode.LINK_CLOSED)
         return
     if status.vehicle is None:
-        other = f" ({status.received} messages arrived, no heartbeat of an autopilot)" if status.received else ""
-        simulated = any(c.kind == "simulated" for c in config.cameras)
-        remedy = (
-            "start `companion simulate-autopilot -c FILE` with this configuration"
-            if simulated
-            else "check that the autopilot is on and sends to this address"
-        )
-        text = f"no heartbeat on {config.autopilot.address}{other}: {remedy}"
+        remedy = no_heartbeat_remedy(config.autopilot.address, status)
+        if any(c.kind == "simulated" for c in config.cameras):
+            remedy = "start `companion simulate-autopilot -c FILE` with this configuration"
+        text = f"no heartbeat on {config.autopilot.address}: {remedy}"
         yield Finding("autopilot", False, text, DiagnosticCode.NO_HEARTBEAT)
         return
     v = status.vehicle

@@ -10,6 +10,7 @@ from drivers.mavlink.session_types import LinkStatus
 
 from ..autopilot.clock_note import LARGE_BOUND_NS
 from ..autopilot.conflict_codes import conflict_diagnostics
+from ..autopilot.no_heartbeat import no_heartbeat_remedy
 from ..cameras.status import CameraCondition
 from ..config.camera import CameraConfig
 from ..config.loader import Config
@@ -87,7 +88,8 @@ def _autopilot_diagnostics(view: AutopilotView | None) -> list[Diagnostic]:
     found += conflict_diagnostics(view.status.conflicts)
     if view.status.vehicle is None:
         if not signing and "system id" not in view.status.conflicts:
-            found.append(of(DiagnosticCode.NO_HEARTBEAT, f"no heartbeat of an autopilot on {view.address}"))
+            remedy = no_heartbeat_remedy(view.address, view.status)
+            found.append(of(DiagnosticCode.NO_HEARTBEAT, f"no heartbeat of an autopilot on {view.address}: {remedy}"))
         return found
     return found + _attitude_diagnostics(view) + _clock_diagnostics(view.status)
 

@@ -74,7 +74,10 @@ REMEDIES: Final[Mapping[str, Mapping[D, str]]] = {
         ),
         D.DUPLICATE_COMPONENT: "end the second instance of the service, or the other program with component 196",
         D.SYSTEM_ID_MISMATCH: "correct `[autopilot] system_id`",
-        D.NO_HEARTBEAT: "check that the autopilot is on, the address, and the stream rate of the port",
+        D.NO_HEARTBEAT: (
+            "check that the autopilot is on, the address, and of a serial port baud rate, wires and MAVLink protocol; the text states what "
+            "arrives"
+        ),
         D.ATTITUDE_STALE: (
             'the attitude is older than 0.5 s: check the stream rate and the link. "arrive and are not used": '
             "[the autopilot's clock is not known](../explanation/clock-synchronisation.md#the-autopilots-clock), as with "

@@ -159,11 +159,22 @@ def test_doctor_names_an_uncertain_clock() -> None:
 
 
 @pytest.mark.parametrize(
-    ("kind", "remedy"), [("simulated", "companion simulate-autopilot"), ("oak", "that the autopilot is on")]
+    ("kind", "address", "received", "noise", "remedy"),
+    [
+        ("simulated", "udpin:0.0.0.0:14540", 0, 0, "companion simulate-autopilot"),
+        ("oak", "udpin:0.0.0.0:14540", 0, 0, "that the autopilot is on"),
+        ("oak", "serial:/dev/ttyAMA0:57600", 0, 900, "set the baud rate"),
+        ("oak", "serial:/dev/ttyAMA0:57600", 0, 3, "TX and RX are crossed"),
+        ("oak", "serial:/dev/ttyAMA0:57600", 5, 900, "none of an autopilot"),
+        ("oak", "udpin:0.0.0.0:14540", 0, 900, "check the address"),
+    ],
 )
-def test_doctor_names_what_sends_no_heartbeat(kind: str, remedy: str) -> None:
-    config = Config(cameras=(CameraConfig(name="front", kind=kind),))
-    status = SimpleNamespace(vehicle=None, received=0)
+def test_no_heartbeat_has_the_remedy_of_what_arrives(
+    kind: str, address: str, received: int, noise: int, remedy: str
+) -> None:
+    """A wrong baud rate and crossed lines were both reported as an autopilot that is off or sends elsewhere."""
+    config = Config(cameras=(CameraConfig(name="front", kind=kind),), autopilot=AutopilotConfig(address=address))
+    status = SimpleNamespace(vehicle=None, received=received, counts={"noise_bytes": noise})
     link = SimpleNamespace(state=LinkState(alive_ns=0))
     (finding,) = link_findings(config, cast(Any, link), cast(Any, status))
     assert remedy in finding.text
