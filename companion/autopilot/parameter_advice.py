@@ -12,11 +12,11 @@ from .px4_advice import px4_faults
 
 def advice(facts: AutopilotFacts, avoid: AvoidParams) -> list[str]:
     """Returns faults of the parameters, as text, the worst first."""
-    silent = [
-        f"the autopilot did not answer for {name}: not in this firmware, or the link loses messages"
-        for name in facts.silent
-    ]
-    return [fault.text for fault in parameter_faults(facts, avoid)] + silent
+    found = [fault.text for fault in parameter_faults(facts, avoid)]
+    if facts.silent:
+        remedy = "the link loses messages, or the firmware is too old: update it"
+        found.append(f"the autopilot did not answer for {', '.join(facts.silent)}: {remedy}")
+    return found
 
 
 def parameter_faults(facts: AutopilotFacts, avoid: AvoidParams) -> list[ParameterFault]:

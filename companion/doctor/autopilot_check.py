@@ -19,7 +19,7 @@ from ..autopilot.firmware_version import VersionReader
 from ..autopilot.no_heartbeat import no_heartbeat_remedy
 from ..autopilot.parameter_advice import advice
 from ..autopilot.parameter_fault import AutopilotFacts
-from ..autopilot.parameters import ParameterReader
+from ..autopilot.parameters import RC_OPTIONS, ParameterReader
 from ..autopilot.restart_pending import TEXT as RESTART_TEXT
 from ..autopilot.restart_pending import ProximityPresence
 from ..autopilot.session_factory import params_of, signing_of
@@ -125,7 +125,8 @@ def _parameter_findings(config: Config, autopilot: str, readers: _Readers) -> It
     facts = AutopilotFacts(kind=autopilot, values=values, silent=parameters.silent(), version=version)
     firmware = f"{autopilot} v{version}" if version else f"{autopilot}, version not reported"
     yield Finding("firmware", True, firmware)
-    text = ", ".join(f"{name} = {value:g}" for name, value in values.items()) or "no parameter was received"
+    shown = {name: value for name, value in values.items() if value or name not in RC_OPTIONS}
+    text = ", ".join(f"{name} = {value:g}" for name, value in shown.items()) or "no parameter was received"
     unused = not config.avoid.send  # without obstacle output nothing depends on them
     known = bool(values) or unused
     yield Finding("parameters", known, text, "" if known else DiagnosticCode.PARAMETERS_UNKNOWN)
