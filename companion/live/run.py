@@ -148,11 +148,13 @@ def _prepare_process() -> None:
 
 
 def _log_configuration(config: Config, here: Folders) -> None:
-    """Logs the changed safety and expert keys, and where the flight is recorded."""
+    """Logs the changed safety and expert keys, and where frames are published and the flight is recorded."""
     for line in safety_lines(config):
         log.warning("safety key changed: %s", line)
     for line in expert_lines(config):
         log.warning("expert key changed: %s", line)
+    if address := config.publish.address("prisms", here.run):
+        log.info("frames are published on %s", address)
     log.info(record_note(config, here))
 
 

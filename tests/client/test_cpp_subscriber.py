@@ -89,7 +89,7 @@ def test_invalid_frames_free_nothing(
 ) -> None:
     output = output_for(program, publisher, message)
     assert output.startswith("nothing may be taken as free: ")
-    assert output.endswith(why)
+    assert why in output
 
 
 @pytest.mark.parametrize(("suspended_s", "stale"), [(0.0, False), (100.0, True)])

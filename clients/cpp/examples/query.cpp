@@ -1,9 +1,11 @@
-// Queries one message, a file with an osape.v1.PrismsFrame. For each line "x y z radius" on standard input one line is
-// printed: 0 unknown, 1 free, 2 occupied, and with --allow-open 3 open (presumed free). Usage: query FILE [--allow-open]
+// Queries one message, a file with an osape.v1.PrismsFrame. For each line "x y z radius", or "x y z x y z radius" for the way
+// from one point to another, on standard input one line is printed: 0 unknown, 1 free, 2 occupied, and with --allow-open 3 open (presumed free). Usage: query FILE [--allow-open]
 #include <fstream>
 #include <iostream>
+#include <iterator>
 #include <sstream>
 #include <string>
+#include <vector>
 
 #include "osape_client/space.h"
 
@@ -23,15 +25,15 @@ int main(int argc, char** argv) {
   }
   int number = 0;
   for (std::string line; std::getline(std::cin, line);) {
-    osape_client::Point p;
-    double radius_m;
-    std::string more;
     std::istringstream words(line);
+    const std::vector<double> n{std::istream_iterator<double>(words), {}};
     ++number;
-    if (!(words >> p.x >> p.y >> p.z >> radius_m) || words >> more) {
-      std::cerr << "line " << number << ": expected x y z radius\n";
+    if (!words.eof() || (n.size() != 4 && n.size() != 7)) {
+      std::cerr << "line " << number << ": expected x y z radius, or x y z x y z radius\n";
       return 1;
     }
-    std::cout << static_cast<int>(osape_client::occupancy(frame, p, radius_m, allow_open)) << '\n';
+    const auto found = n.size() == 4 ? osape_client::occupancy(frame, {n[0], n[1], n[2]}, n[3], allow_open)
+                                     : osape_client::segment_occupancy(frame, {n[0], n[1], n[2]}, {n[3], n[4], n[5]}, n[6], allow_open);
+    std::cout << static_cast<int>(found) << '\n';
   }
 }

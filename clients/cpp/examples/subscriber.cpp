@@ -35,7 +35,7 @@ int run(const char* address, long count) {
       undecodable = subscriber.stats().undecodable;
       std::printf("nothing may be taken as free: %s\n", subscriber.stats().last_error.c_str());
     } else {
-      std::printf("nothing may be taken as free: no message\n");
+      std::printf("nothing may be taken as free: no message on %s; does the service run?\n", address);
     }
   }
   return 0;

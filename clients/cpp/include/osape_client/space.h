@@ -1,4 +1,5 @@
-// Query of one frame: is a ball free, occupied or unknown? The answers are those of osape_client.Space in Python.
+// Query of one frame: is a ball, or the way of a ball, free, occupied or unknown? The answers are those of osape_client.Space in
+// Python; of a way Space.segments may call a little more free, and a little less occupied.
 //
 // Occupied: it touches a plane or its margin, or touches or lies below the ground where the camera measured the ground.
 // Free: all of it lies in space that the camera observed to be free, above the camera's ground. Else it is unknown.
@@ -26,6 +27,10 @@ struct Point {
 constexpr double kTurn = 6.283185307179586;
 constexpr double kMostTurn = kTurn + 1e-5;  // of the directions of a profile, whose edges are rounded to float
 constexpr double kDefaultGroundToleranceM = 0.6;  // for messages of versions without a tolerance
+
+// Distance of the balls that cover a way; greatest number of distances, beyond which they are larger.
+constexpr double kWayStepM = 0.1;
+constexpr double kMostWaySteps = 10000.0;
 
 // No position is farther from the origin along any axis, as in Python: such a number is handled like one that is not finite.
 constexpr double kMostM = 1e9;
@@ -240,15 +245,39 @@ inline double nearest_plane_m(const osape::v1::Planes& planes, double x, double 
   return least;
 }
 
-// Occupancy of a ball around a point in the message's frame. A position that is not finite or is beyond kMostM, a radius that is not
-// finite and a negative one are occupied; if the frame is not valid, or its numbers do not fit together, everything else is unknown. kOpen is returned only with allow_open.
-inline Occupancy occupancy(const osape::v1::PrismsFrame& frame, const Point& p, double radius_m, bool allow_open = false) {
-  if (!is_position(p) || !std::isfinite(radius_m) || radius_m < 0.0) return Occupancy::kOccupied;
-  if (!usable(frame) || !numbers_fit(frame)) return Occupancy::kUnknown;
+// Occupancy of a ball in a frame whose numbers fit together.
+inline Occupancy occupancy_in(const osape::v1::PrismsFrame& frame, const Point& p, double radius_m, bool allow_open) {
   if (touches_plane(frame, p, radius_m) || touches_ground(frame, p, radius_m)) return Occupancy::kOccupied;
   if (!clear_of_ground(frame, p, radius_m)) return Occupancy::kUnknown;
   if (observed_free(frame, p, radius_m)) return Occupancy::kFree;
   return allow_open && observed_free(frame, p, radius_m, true) ? Occupancy::kOpen : Occupancy::kUnknown;
+}
+
+// Occupancy of a ball that moves from one point to another along a straight line, in the message's frame: that of balls kWayStepM
+// apart, each larger by half of that, which cover the way. Occupied where one of them is, else unknown where one is, else open where
+// one is, else free. A position that is not finite or is beyond kMostM, a radius that is not finite and a negative one are occupied; if
+// the frame is not valid, or its numbers do not fit together, everything else is unknown. kOpen is returned only with allow_open.
+inline Occupancy segment_occupancy(const osape::v1::PrismsFrame& frame, const Point& from, const Point& to, double radius_m,
+                                   bool allow_open = false) {
+  if (!is_position(from) || !is_position(to) || !std::isfinite(radius_m) || radius_m < 0.0) return Occupancy::kOccupied;
+  if (!usable(frame) || !numbers_fit(frame)) return Occupancy::kUnknown;
+  const double dx = to.x - from.x, dy = to.y - from.y, dz = to.z - from.z, length_m = std::hypot(dx, dy, dz);
+  const int steps = static_cast<int>(std::min(std::ceil(length_m / kWayStepM), kMostWaySteps));
+  const double ball_m = steps > 0 ? radius_m + 0.5 * length_m / steps : radius_m;
+  Occupancy found = Occupancy::kFree;
+  for (int i = 0; i <= steps; ++i) {
+    const double share = steps > 0 ? static_cast<double>(i) / steps : 0.0;
+    const Point p{from.x + share * dx, from.y + share * dy, from.z + share * dz};
+    const Occupancy at = occupancy_in(frame, p, ball_m, allow_open);
+    if (at == Occupancy::kOccupied) return at;
+    if (at == Occupancy::kUnknown || found == Occupancy::kFree) found = at;
+  }
+  return found;
+}
+
+// The same of a ball that does not move.
+inline Occupancy occupancy(const osape::v1::PrismsFrame& frame, const Point& p, double radius_m, bool allow_open = false) {
+  return segment_occupancy(frame, p, p, radius_m, allow_open);
 }
 
 }  // namespace osape_client

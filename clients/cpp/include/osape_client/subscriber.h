@@ -53,10 +53,23 @@ struct Message {
   bool stale() const { return !(age_s() <= timeout_s); }
 };
 
-// Occupancy of a ball as in space.h, but nothing is free or open while the message is stale.
-inline Occupancy occupancy(const Message& message, const Point& p, double radius_m, bool allow_open = false) {
-  const Occupancy found = occupancy(message.content, p, radius_m, allow_open);
+// Occupancy of the way of a ball as in space.h, but nothing is free or open while the message is stale.
+inline Occupancy segment_occupancy(const Message& message, const Point& from, const Point& to, double radius_m, bool allow_open = false) {
+  const Occupancy found = segment_occupancy(message.content, from, to, radius_m, allow_open);
   return message.stale() && found != Occupancy::kOccupied ? Occupancy::kUnknown : found;
+}
+
+// The same of a ball that does not move.
+inline Occupancy occupancy(const Message& message, const Point& p, double radius_m, bool allow_open = false) {
+  return segment_occupancy(message, p, p, radius_m, allow_open);
+}
+
+// Position of the vehicle at the exposure, in the message's frame: the origin in "level". None: the message does not contain it.
+inline std::optional<Point> vehicle(const osape::v1::PrismsFrame& frame) {
+  if (frame.frame() == "level") return Point{0.0, 0.0, 0.0};
+  if (frame.frame() != "ned" || !frame.valid() || !frame.has_pose()) return std::nullopt;
+  const auto& at = frame.pose().position_ned_m();
+  return Point{at.x(), at.y(), at.z()};
 }
 
 // Counts of received messages. undecodable: not a frame of this schema version; out_of_order: not newer than an earlier one;
