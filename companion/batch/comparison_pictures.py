@@ -23,12 +23,15 @@ def draw_overview(flights: Sequence[FlightDifference], path: Path) -> None:
     _scatter(planes, mean_a, mean_b, "planes per valid frame")
     _scatter(blind, [f.blind_s_a for f in flights], [f.blind_s_b for f in flights], "blind time, s")
     frames = np.array([max(1, f.frames) for f in flights], float)
-    for values, color, label in (
-        ([f.missed for f in flights], _LOST, "missed: nearest plane lost or farther in B"),
-        ([f.phantom for f in flights], _NEW, "phantom: nearest plane new or nearer in B"),
+    for values, color, style, label in (
+        ([f.missed for f in flights], _LOST, "o-", "missed: nearest plane lost or farther in B"),
+        ([f.phantom for f in flights], _NEW, "--", "phantom: nearest plane new or nearer in B"),
     ):
-        obstacles.plot(100.0 * np.sort(np.array(values) / frames)[::-1], color=color, label=label)
-    obstacles.set(title="missed and phantom obstacles", xlabel="flights, sorted", ylabel="% of frames")
+        shares = 100.0 * np.sort(np.array(values) / frames)[::-1]
+        obstacles.plot(np.arange(1, len(shares) + 1), shares, style, color=color, label=label, clip_on=False)
+    obstacles.set(title="missed and phantom obstacles", xlabel="number of the flight, sorted", ylabel="% of frames")
+    obstacles.set_ylim(-0.02, max(1.0, obstacles.get_ylim()[1]))
+    obstacles.xaxis.get_major_locator().set_params(integer=True)
     obstacles.legend(fontsize=8)
     changed.hist(100.0 * np.array([f.changed for f in flights]) / frames, bins=20, range=(0, 100), color=_B)
     changed.set(title="frames whose result changed", xlabel="% of frames", ylabel="flights")
@@ -36,9 +39,9 @@ def draw_overview(flights: Sequence[FlightDifference], path: Path) -> None:
 
 
 def _scatter(axes: Any, a: Sequence[float], b: Sequence[float], title: str) -> None:
-    most = max([*a, *b, 1e-3]) * 1.05
+    most = max([*a, *b, 1.0]) * 1.05
     axes.plot([0, most], [0, most], color=_BLIND, linewidth=1)
-    axes.scatter(a, b, s=14, color=_B, alpha=0.7)
+    axes.scatter(a, b, s=14, color=_B, alpha=0.7, clip_on=False)
     axes.set(title=title, xlabel="A", ylabel="B", xlim=(0, most), ylim=(0, most))
 
 
@@ -58,12 +61,13 @@ def draw_flight(flight: FlightDifference, frames: PairedFrames, path: Path) -> N
         (("phantom", "newly_valid"), _NEW, "phantom or newly valid"),
     ):
         at = t_s[[kind in kinds for kind in frames.kinds]]
-        near.plot(at, np.full(len(at), 0.0), "^", color=color, label=f"{label}: {len(at)}", markersize=6)
-    near.set(ylabel="m", title=f"{flight.vehicle}/{flight.flight}: {flight.changed} of {flight.frames} frames changed")
+        near.plot(at, np.full(len(at), 0.0), "^", color=color, label=f"{label}: {len(at)}")
+    figure.suptitle(f"{flight.vehicle}/{flight.flight}: {flight.changed} of {flight.frames} frames changed")
+    near.set(ylabel="distance, m")
     planes.set(ylabel="planes", xlabel="s of the flight")
     for axes in (near, planes):
-        axes.legend(fontsize=8, loc="upper right")
-        axes.set_ylim(bottom=-0.5)
+        axes.legend(fontsize=8, loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=4, frameon=False)
+        axes.set_ylim(bottom=-0.04 * axes.get_ylim()[1])  # marks at 0 are whole
     save_figure(figure, path)
 
 
