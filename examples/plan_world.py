@@ -80,12 +80,15 @@ def draw(space: WorldSpace, places: np.ndarray, path: np.ndarray, radius_m: floa
     for ax, ay, bx, by, z0, z1 in space.snapshot.planes:
         top.plot([ay, by], [ax, bx], color="#c62828", linewidth=1.5)
         side.fill([ax, bx, bx, ax], [-z0, -z0, -z1, -z1], color="#c62828", alpha=0.15)
-    top.plot(places[:, 1], places[:, 0], color="#1565c0", linewidth=1.0)
+    top.plot([], [], color="#c62828", label="plane of the merged world")
+    top.plot(places[:, 1], places[:, 0], color="#1565c0", linewidth=1.0, label="flown while observing")
+    top.plot([], [], color="#8e24aa", label="planned path, as wide as the vehicle")
     side.plot(places[:, 0], -places[:, 2], color="#1565c0", linewidth=1.0)
     line(top, path[:, 1], path[:, 0], radius_m)
     line(side, path[:, 0], -path[:, 2], radius_m)
     top.set(aspect="equal", xlabel="east, m", ylabel="north, m")
     side.set(aspect="equal", xlabel="north, m", ylabel="up, m")
+    figure.legend(loc="lower center", bbox_to_anchor=(0.765, 0.2))
     figure.savefig(out)
 
 
