@@ -32,6 +32,15 @@ PARSE_ERRORS: Final = (
 )
 
 
+def parse_error_text(error: Exception) -> str:
+    """The cause of one of PARSE_ERRORS; those of the libraries are empty, or name their own functions."""
+    if isinstance(error, UnicodeDecodeError):
+        return "a name in it is not text"
+    if isinstance(error, struct.error) or not str(error):
+        return "it ends within a field"
+    return str(error)
+
+
 def unpacked(payload: bytes, whole: bool) -> bytes:
     """The records of a chunk. payload: content of the chunk's record. whole: False for the last chunk of a truncated
     file, which is decompressed as far as possible. Raises one of PARSE_ERRORS."""

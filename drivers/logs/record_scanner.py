@@ -22,7 +22,7 @@ from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, Footer, Header, Message, Metadata, Schema
 
 from ..regular_file import regular
-from .chunk import PARSE_ERRORS, stored_bytes, unpacked
+from .chunk import PARSE_ERRORS, parse_error_text, stored_bytes, unpacked
 from .chunk_search import FIRST_PART, FRAME, MAX_RECORD_BYTES, MOST_PART, ChunkSearch, is_chunk
 from .summary import Summary, summary_of
 
@@ -55,7 +55,9 @@ class Damage:
 
     offset: int
     cause: str
-    end: bool = False  # the file is cut there; everything before it was read, or is another damage
+    end: bool = (
+        False  # the file is cut there, or its summary is damaged: what is before it was read, or is another damage
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -186,7 +188,7 @@ class McapScan:
         """The damage of the summary, which ends at `at`: readers that use the index refuse the file."""
         if self._summary_fault:
             text = f"the summary at its end is damaged ({self._summary_fault})"
-            yield Damage(at - _FOOTER_BYTES, text)
+            yield Damage(at - _FOOTER_BYTES, text, end=True)
 
     def _only_zeros(self, at: int) -> bool:
         """Whether the rest is zeros: a partial block, or space that a power failure left unwritten."""
@@ -224,7 +226,7 @@ class McapScan:
             try:
                 item = self._parsed(at, opcode, memoryview(payload))
             except PARSE_ERRORS as error:
-                item = Damage(at, f"unreadable record: {error or type(error).__name__}")
+                item = Damage(at, f"unreadable record: {parse_error_text(error)}")
             if item is not None:
                 yield item
 
@@ -267,7 +269,7 @@ class McapScan:
             data = unpacked(payload, whole)
         except PARSE_ERRORS as error:
             if whole:
-                yield Damage(at, f"chunk skipped: {error or type(error).__name__}")
+                yield Damage(at, f"chunk skipped: {parse_error_text(error)}")
             return
         if whole:
             self._checked = at + FRAME.size + stored_bytes(payload)
@@ -284,7 +286,7 @@ class McapScan:
                 try:
                     item = self._parsed(at, opcode, records[begin : begin + length])
                 except PARSE_ERRORS as error:
-                    item = Damage(at, f"unreadable record: {error or type(error).__name__}")
+                    item = Damage(at, f"unreadable record: {parse_error_text(error)}")
                 if item is not None:
                     yield item
             inside = begin + length
@@ -311,7 +313,7 @@ class McapScan:
         except OSError as error:
             self._summary_fault = f"the disk cannot be read there: {error.strerror}"
         except PARSE_ERRORS as error:
-            self._summary_fault = str(error) or type(error).__name__
+            self._summary_fault = parse_error_text(error)
         return None
 
     def _summary_from(self, footer: Footer, end: int, footer_head: bytes) -> Summary:

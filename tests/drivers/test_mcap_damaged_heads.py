@@ -17,7 +17,8 @@ from companion.log.provenance import run_info
 from companion.log.recover import recover
 from companion.log.repair import leftovers, repair_file
 from drivers.logs import chunk_search
-from drivers.logs.record_scanner import Damage, Logged, McapScan
+from drivers.logs.chunk_search import FRAME
+from drivers.logs.record_scanner import MAGIC, Damage, Logged, McapScan
 
 from ..companion.small_recordings import INFO, START_NS, flight
 from .test_mcap_file import BadSector
@@ -228,3 +229,22 @@ def test_a_lost_beginning_costs_the_messages_up_to_the_next_description(killed: 
         found = messages(bad)
         assert found == whole[-len(found) :]
         assert len(whole) - len(found) <= 50 * (2 * lost + 2)
+
+
+def with_wrong_record(opcode: Opcode, content: bytes) -> bytes:
+    return MAGIC + FRAME.pack(opcode, len(content)) + content
+
+
+@pytest.mark.parametrize(
+    ("opcode", "content", "cause"),
+    [
+        (Opcode.HEADER, struct.pack("<I", 99) + b"x", "it ends within a field"),
+        (Opcode.CHANNEL, b"\0", "it ends within a field"),
+        (Opcode.HEADER, struct.pack("<I2sI", 2, b"\xff\xfe", 0), "a name in it is not text"),
+    ],
+)
+def test_the_cause_of_an_unreadable_record_is_named(opcode, content, cause, tmp_path: Path) -> None:
+    path = tmp_path / "x.mcap"
+    path.write_bytes(with_wrong_record(opcode, content))
+    damages = [item for item in McapScan(path).items() if isinstance(item, Damage)]
+    assert damages[0] == Damage(len(MAGIC), f"unreadable record: {cause}")
