@@ -132,7 +132,9 @@ def _take(info: LogInfo, item: Logged) -> None:
 
 def _read(info: LogInfo, key: str | None, data: bytes) -> None:
     if key == "camera_info":
-        info.cameras.append(camera_from_message(pb.CameraInfo.FromString(data)))
+        camera = camera_from_message(pb.CameraInfo.FromString(data))
+        if camera not in info.cameras:
+            info.cameras.append(camera)
     elif key == "run":
         info.run = info.run or pb.RunInfo.FromString(data)
     elif key == "decision":

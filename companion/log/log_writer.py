@@ -50,6 +50,8 @@ class LogWriter:
         self._names: dict[str, int] = {}
         self._channels: dict[tuple[str, str], int] = {}
         self._infos: dict[str, CameraInfo] = {}
+        self._run: pb.RunInfo | None = None
+        self._last_ns = 0
 
     def __enter__(self) -> LogWriter:
         return self
@@ -105,12 +107,18 @@ class LogWriter:
         self, run: pb.RunInfo, cameras: Iterable[CameraInfo], state: PipelineState | None = None, t_ns: int = 0
     ) -> None:
         """Writes the opening content. t_ns: time of its records, best that of the first event."""
-        self.write("run", run, t_ns)
-        for info in cameras:
-            self._infos[info.camera] = info
-            self.write("camera_info", camera_message(info), t_ns, camera=info.camera)
+        self._run, self._infos = run, {info.camera: info for info in cameras}
+        self._describe(t_ns)
+        for info in self._infos.values():
             self.write("calibration", calibration_message(info, t_ns), t_ns, camera=info.camera)
         self.write("state", state_message(state or PipelineState()), t_ns)
+
+    def _describe(self, t_ns: int) -> None:
+        """Writes what no frame can be replayed without."""
+        if self._run is not None:
+            self.write("run", self._run, t_ns)
+        for info in self._infos.values():
+            self.write("camera_info", camera_message(info), t_ns, camera=info.camera)
 
     def event(self, event: Event) -> None:
         """Writes an event of the hardware, at its arrival time."""
@@ -162,6 +170,7 @@ class LogWriter:
             )
         if not 0 <= sequence < 1 << 32:
             raise ValueError(f"log: sequence {sequence} cannot be written; expected 0..{(1 << 32) - 1}")
+        self._last_ns = t_ns
         channel = self._channels.get((key, camera)) or self._open_channel(key, camera)
         # a stamp before the clock's zero (wrong clock estimate) stays in the message; the record's time cannot be
         # negative
@@ -181,9 +190,11 @@ class LogWriter:
         return self._names[name]
 
     def finish(self) -> None:
-        """Writes the end of the file and renames it. May be called twice."""
+        """Writes the end of the file, with the opening descriptions once more in case the beginning is damaged later, and renames
+        it. May be called twice."""
         if self._file.closed:
             return
+        self._describe(self._last_ns)
         finish_file(self._writer, self._file, self.active_path, self.path)
 
 

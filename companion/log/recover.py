@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import os
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -12,12 +13,13 @@ from mcap.records import Attachment, Channel, Metadata, Schema
 from mcap.writer import Writer
 
 from drivers.base import BadData
-from drivers.logs.reader import open_scan
-from drivers.logs.record_scanner import Damage, Item, Logged, McapScan
+from drivers.logs.reader import RECOVERED, open_scan
+from drivers.logs.record_scanner import Damage, Item, Logged
 
 from ..common_options import add_replace
 from ..console import counted, first_damages, print_json, print_line
 from ..usage_error import UsageError
+from .descriptions import lost_descriptions
 from .log_file import ACTIVE, RECOVERING, finish_file, open_locked, refuse_target, seems_written, start_writer
 
 
@@ -31,9 +33,12 @@ class RecoverResult:
     damages: list[Damage] = field(default_factory=list)
 
 
-def recover(path: Path, output: Path | None = None, replace: bool = False) -> RecoverResult:
+def recover(
+    path: Path, output: Path | None = None, replace: bool = False, cameras_from: Path | None = None
+) -> RecoverResult:
     """Writes the readable part of an MCAP file of any origin into `output` (default: `default_output`). Raises
-    DriverError when nothing is readable, ValueError where the output is no file, or exists without `replace`."""
+    DriverError when nothing is readable, ValueError where the output is no file, or exists without `replace`. cameras_from: a log
+    from which descriptions that the file has lost are taken."""
     target = output or default_output(path)
     if os.path.realpath(target) == os.path.realpath(path):
         raise UsageError(f"{path}: input and output are the same file; give -o another name")
@@ -42,7 +47,7 @@ def recover(path: Path, output: Path | None = None, replace: bool = False) -> Re
             f"{path}: a process is writing it, and completes it at its end; `companion replay` reads it as it is"
         )
     refuse_target(target, replace=replace)
-    return copy_readable(path, target)
+    return copy_readable(path, target, lost_descriptions(path, cameras_from) if cameras_from is not None else ())
 
 
 def default_output(path: Path) -> Path:
@@ -52,9 +57,10 @@ def default_output(path: Path) -> Path:
     return path.with_name(path.stem + ".recovered.mcap")
 
 
-def copy_readable(path: Path, target: Path) -> RecoverResult:
+def copy_readable(path: Path, target: Path, first: Sequence[Logged] = ()) -> RecoverResult:
     """Copies message by message, and replaces the target by the copy when it contains a message and the original is
-    damaged. Raises as `recover`, and FileInUseError where another process makes this copy."""
+    damaged, or the copy has more. first: messages to begin with. Raises as `recover`, and FileInUseError where another process
+    makes this copy."""
     result = RecoverResult(target)
     scan = open_scan(path)
     active = target.with_name(target.name + ACTIVE + RECOVERING)
@@ -62,13 +68,16 @@ def copy_readable(path: Path, target: Path) -> RecoverResult:
     try:
         stream = open_locked(active, replace=True)
         writer = start_writer(stream)
-        copy = _Copy(writer, scan)
+        borrowed = _Copy(writer)
+        for message in first:
+            borrowed.take(message, RecoverResult(target))
+        copy = _Copy(writer)
         for item in scan.items():
             copy.take(item, result)
         if result.messages == 0:
-            first = f" (byte {result.damages[0].offset}: {result.damages[0].cause})" if result.damages else ""
-            raise BadData(f"{path}: no message is readable{first}; nothing was written. Use another copy of the file")
-        if result.damages:
+            cause = f" (byte {result.damages[0].offset}: {result.damages[0].cause})" if result.damages else ""
+            raise BadData(f"{path}: no message is readable{cause}; nothing was written. Use another copy of the file")
+        if result.damages or first:
             finish_file(writer, stream, active, target)
         else:
             result.output = None
@@ -83,8 +92,8 @@ def copy_readable(path: Path, target: Path) -> RecoverResult:
 class _Copy:
     """Writes channels and schemas when first used, under new numbers."""
 
-    def __init__(self, writer: Writer, scan: McapScan) -> None:
-        self._writer, self._scan = writer, scan
+    def __init__(self, writer: Writer) -> None:
+        self._writer = writer
         self._channels: dict[int, int] = {}
         self._schemas: dict[int, int] = {}
 
@@ -92,6 +101,9 @@ class _Copy:
         """Copies one item, or notes a damage."""
         if isinstance(item, Damage):
             result.damages.append(item)
+            if not item.end:
+                writer: Any = self._writer
+                writer.add_metadata(RECOVERED, {str(item.offset): item.cause})
         elif isinstance(item, Logged):
             m = item.message
             channel = self._channel(item.channel, item.schema)
@@ -135,12 +147,18 @@ def add_parser(subparsers: Any) -> None:
         help="the complete log (default: FILE.recovered.mcap, or FILE.mcap for FILE.mcap.active)",
     )
     add_replace(parser)
+    parser.add_argument(
+        "--cameras-from",
+        type=Path,
+        metavar="LOG.mcap",
+        help="take the description of the cameras and the configuration, which FILE has lost, from this log of the same vehicle and set-up",
+    )
     parser.add_argument("--json", action="store_true", help="print one JSON object")
 
 
 def run(args: argparse.Namespace) -> int:
     """0: recovered, or nothing to recover."""
-    result = recover(args.input, args.output, args.replace)
+    result = recover(args.input, args.output, args.replace, args.cameras_from)
     if args.json:
         print_json(
             {

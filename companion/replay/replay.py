@@ -115,6 +115,7 @@ def replay(
                 on_progress(source.share_read)
         except BadData as error:
             result.damage = str(error)
+        result.lost = source.lost
         if log is not None and not result.counts.frames:
             log.discard()
             result.unwritten = log.path

@@ -38,6 +38,7 @@ class Replay:
     # by camera, the detection range at the noise of its last frame
     obstacle_range_m: dict[str, float] = field(default_factory=dict)
     mask_faults: list[str] = field(default_factory=list)  # cameras with a mask outside of the image, as text
+    lost: list[str] = field(default_factory=list)  # what a recovered log lacks, as text
     depth_note: str = ""  # what the check cannot compare, of a log that was recorded without all depth images
 
 
@@ -51,6 +52,14 @@ def depth_note(record: RecordParams) -> str:
             "be computed again; the others begin with their recorded state and are compared completely"
         )
     return ""
+
+
+def lost_text(lost: list[str]) -> str:
+    """What a recovered log lacks, and what follows."""
+    return (
+        f"the log was recovered from a damaged file; {counted(len(lost), 'place')} could not be read, the first: {lost[0]}. The "
+        "results of the frames after it may differ from those in flight"
+    )
 
 
 def replay_problems(result: Replay) -> list[str]:
@@ -137,6 +146,7 @@ def report(result: Replay, path: Path, output: Path | None, problems: list[str])
         "sample_anomalies": result.sample_anomalies,
         "exposure_offsets": [_offset_json(offset, result) for offset in result.exposure_offsets],
         "check": check,
+        "lost": result.lost,
         "problems": problems,
     }
 
@@ -172,6 +182,8 @@ def print_report(result: Replay, output: Path | None) -> None:
         print_line(f"samples: {listed}")
     for advice in result.counts.advice():
         print_line(f"warning: {advice.text}")
+    if result.lost:
+        print_line(f"warning: {lost_text(result.lost)}")
     _print_check(result)
     if output is not None:
         print_line(f"written: {output}")

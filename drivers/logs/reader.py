@@ -11,7 +11,7 @@ from typing import Final
 import numpy as np
 from foxglove_schemas_protobuf.RawImage_pb2 import RawImage
 from google.protobuf.message import DecodeError, Message
-from mcap.records import Channel, Schema
+from mcap.records import Channel, Metadata, Schema
 
 from core.types import UNKNOWN_MM, CameraInfo, DepthFrame
 from osape_client.proto import osape_v1_pb2 as pb
@@ -32,6 +32,8 @@ from .topics import ENCODING, TOPICS, find_topic
 EVENT_KEYS: Final = ("depth", "attitude", "pose")
 _ROS2_DEPTH: Final = ("sensor_msgs/msg/Image", "sensor_msgs/Image")
 _LISTED: Final = 4
+RECOVERED: Final = "osape recovered"
+"""Name of the metadata that state what a recovered log has lost: places in the damaged file and causes."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,12 +69,14 @@ class McapRecording:
     """A log of this software. The constructor raises DriverError: file missing, not MCAP, of another software, without
     depth.
 
-    `run`: provenance of the log; `snapshot`: the state at its beginning; None: not in the log."""
+    `run`: provenance of the log; `snapshot`: the state at its beginning; None: not in the log. `lost`: after a pass, what a
+    recovered log lacks."""
 
     def __init__(self, path: Path | str) -> None:
         self.path = Path(path)
         self.run: pb.RunInfo | None = None
         self.snapshot: pb.StateSnapshot | None = None
+        self.lost: list[str] = []
         self._infos: dict[str, CameraInfo] = {}
         self._scan: McapScan | None = None
         self.share_read = 0.0
@@ -139,11 +143,14 @@ class McapRecording:
     def _messages(self, keys: tuple[str, ...], rejected: list[str]) -> Iterator[LoggedMessage]:
         self.close()
         scan = self._scan = open_scan(self.path)
+        self.lost = []
         ours: dict[int, tuple[str, str] | None] = {}
         for item in scan.items():
             self.share_read = scan.share_read
             if isinstance(item, Damage):
                 raise BadData(damage_text(self.path, item))
+            if isinstance(item, Metadata) and item.name == RECOVERED:
+                self.lost += [f"byte {offset}: {cause}" for offset, cause in item.metadata.items()]
             if not isinstance(item, Logged):
                 continue
             if item.channel.id not in ours:
@@ -203,13 +210,13 @@ class McapRecording:
         if self._head_damage is not None and (missing or not self._infos):
             raise BadData(
                 f"{self.path}: damaged at byte {self._head_damage.offset}: {self._head_damage.cause}; the description "
-                "of the cameras is lost and nothing can be replayed. Use another copy of the file"
+                f"of the cameras is lost. Use another copy of the file, or {_borrow_text(self.path)}"
             )
         if missing:
             names = ", ".join(TOPICS["camera_info"].of(camera) for camera in missing)
             raise BadData(
                 f"{self.path}: depth images without the description of their camera ({names} is missing or invalid); "
-                "import the recording again with its intrinsics"
+                f"if it was imported, import the recording again with its intrinsics; otherwise {_borrow_text(self.path)}"
             )
 
     def _read_descriptions(self, scan: McapScan) -> None:
@@ -258,6 +265,14 @@ def damage_text(path: Path, damage: Damage) -> str:
     return (
         f"{path}: damaged at byte {damage.offset}: {damage.cause}; everything before it was read. `companion recover "
         f"{shell_word(path)}` recovers the readable part"
+    )
+
+
+def _borrow_text(path: Path) -> str:
+    """What to do about a log that has lost the description of its cameras."""
+    return (
+        f"`companion recover {shell_word(path)} --cameras-from LOG.mcap` takes it from another log of the same vehicle and set-up, "
+        "such as the next file of the flight"
     )
 
 

@@ -47,8 +47,10 @@ class Topic:
 
 
 TOPICS: Final[dict[str, Topic]] = {
-    "run": Topic("/run", pb.RunInfo, "once, first", "software, effective configuration"),
-    "camera_info": Topic("/camera/{camera}/info", pb.CameraInfo, "once", "intrinsics, mount, range, noise prior"),
+    "run": Topic("/run", pb.RunInfo, "first, again last", "software, effective configuration"),
+    "camera_info": Topic(
+        "/camera/{camera}/info", pb.CameraInfo, "first, again last", "intrinsics, mount, range, noise prior"
+    ),
     "calibration": Topic("/camera/{camera}/calibration", CameraCalibration, "once", "intrinsics for viewers"),
     "state": Topic("/state", pb.StateSnapshot, "once", "the state that the frames after it depend on"),
     "depth": Topic("/camera/{camera}/depth", RawImage, "each frame", "16UC1, mm along the optical axis"),

@@ -63,7 +63,7 @@ def test_a_recording_has_its_cameras_and_its_making(whole):
         assert recording.cameras == (INFO,)
         assert recording.run.source == "simulated"
         assert len(recording.snapshot.attitudes) == 0
-        assert [m.key for m in recording.messages("run", "state")] == ["run", "state"]
+        assert [m.key for m in recording.messages("run", "state")] == ["run", "state", "run"]
         shares = [recording.share_read for _ in recording.events()]
         assert shares == sorted(shares)
         assert recording.share_read == 1.0

@@ -1,0 +1,120 @@
+"""`companion replay` of logs from which a part was lost, as `companion recover` writes them."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from mcap.opcode import Opcode
+
+from companion.cli import main
+from companion.log.log_writer import LogWriter
+from companion.log.provenance import run_info
+from companion.log.recover import recover
+from companion.replay.replay import Options, replay
+from drivers.logs.chunk_search import FRAME
+from drivers.logs.reader import McapRecording
+from drivers.simulation.flight import SimulatedFlight
+
+from .test_replay import SMALL
+
+
+@pytest.fixture(scope="module")
+def chunked(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A replayed flight of 1.5 s in several chunks."""
+    folder = tmp_path_factory.mktemp("chunked")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("companion.log.log_writer.CHUNK_BYTES", 30_000)
+        with LogWriter(folder / "in.mcap") as log:
+            log.begin(run_info("simulated"), (SMALL,))
+            for event in SimulatedFlight("demo", cameras=(SMALL,), duration_s=1.5).events():
+                log.event(event)
+        replay(folder / "in.mcap", Options(output=folder / "flight.mcap"))
+    return folder / "flight.mcap"
+
+
+def with_damaged_chunk(source: Path, path: Path, number: int) -> Path:
+    """A copy with one wrong byte in the chunk of this number."""
+    data, at, chunks = bytearray(source.read_bytes()), 8, []
+    while at + FRAME.size < len(data) - 8:
+        opcode, length = FRAME.unpack_from(data, at)
+        if opcode == Opcode.CHUNK:
+            chunks.append(at)
+        at += FRAME.size + length
+    data[chunks[number] + 100] ^= 0x10
+    path.write_bytes(data)
+    return path
+
+
+def test_a_log_without_its_first_chunk_is_replayed_after_recovery(chunked, tmp_path, capsys):
+    """The configuration and the cameras are described again at its end."""
+    bad = with_damaged_chunk(chunked, tmp_path / "bad.mcap", 0)
+    assert main(["replay", str(bad)]) == 1
+    assert f"companion recover {bad}" in capsys.readouterr().err
+    assert main(["recover", str(bad)]) == 0
+    capsys.readouterr()
+    with McapRecording(tmp_path / "bad.recovered.mcap") as recording, McapRecording(chunked) as original:
+        assert recording.cameras == original.cameras
+        assert recording.run == original.run
+    assert main(["replay", "--json", str(tmp_path / "bad.recovered.mcap")]) == 0
+    assert json.loads(capsys.readouterr().out)["frames"] > 5
+
+
+@pytest.mark.parametrize("number", [0, 2])
+def test_the_report_names_what_a_recovered_log_lacks(chunked, tmp_path, capsys, number):
+    """This explains a difference from the recorded results."""
+    result = recover(with_damaged_chunk(chunked, tmp_path / "bad.mcap", number))
+    main(["replay", "--check", str(result.output)])
+    captured = capsys.readouterr()
+    assert "recovered from a damaged file" in captured.out
+    assert "results of the frames after it may differ from those in flight" in captured.out
+    assert f"byte {result.damages[0].offset}: {result.damages[0].cause}" in captured.out
+
+
+def test_a_log_recovered_from_a_cut_file_lacks_nothing_before_its_end(chunked, tmp_path, capsys):
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(chunked.read_bytes()[: chunked.stat().st_size * 2 // 3])
+    assert main(["replay", "--check", str(recover(cut).output)]) == 0
+    assert "recovered from" not in capsys.readouterr().out
+
+
+def test_lost_descriptions_are_taken_from_another_log(chunked, tmp_path, capsys):
+    """Of a log that was cut and has lost its first chunk neither copy of them is left."""
+    cut, bad = tmp_path / "cut.mcap", tmp_path / "bad.mcap"
+    cut.write_bytes(chunked.read_bytes()[: chunked.stat().st_size * 2 // 3])
+    with_damaged_chunk(cut, bad, 0)
+    assert main(["replay", str(bad)]) == 1
+    assert f"companion recover {bad} --cameras-from LOG.mcap" in capsys.readouterr().err
+    whole = recover(bad).output
+    assert main(["replay", str(whole)]) == 1
+    assert f"companion recover {whole} --cameras-from LOG.mcap" in capsys.readouterr().err
+    for damaged in (bad, whole):
+        out = tmp_path / f"{damaged.stem}.out.mcap"
+        assert main(["recover", str(damaged), "--cameras-from", str(chunked), "-o", str(out)]) == 0
+        capsys.readouterr()
+        assert main(["replay", "--json", str(out)]) == 0
+        report = json.loads(capsys.readouterr().out)
+        assert report["frames"] > 5
+        with McapRecording(out) as recording, McapRecording(chunked) as original:
+            assert recording.cameras == original.cameras
+            assert recording.run == original.run
+            assert len(list(recording.events())) > 5
+            assert len(recording.lost) == 1
+
+
+def test_descriptions_that_are_there_are_never_replaced(chunked, tmp_path, capsys):
+    assert main(["recover", str(chunked), "--cameras-from", str(chunked), "-o", str(tmp_path / "out.mcap")]) == 2
+    assert "no description of a camera is lost" in capsys.readouterr().err
+    assert not (tmp_path / "out.mcap").exists()
+
+
+def test_a_log_of_other_cameras_has_no_description_to_take(chunked, tmp_path, capsys):
+    other = tmp_path / "other.mcap"
+    with LogWriter(other) as log:
+        log.begin(run_info("simulated"), (replace(SMALL, camera="rear"),))
+    bad = tmp_path / "bad.mcap"
+    bad.write_bytes(chunked.read_bytes()[: chunked.stat().st_size * 2 // 3])
+    assert main(["recover", str(with_damaged_chunk(bad, bad, 0)), "--cameras-from", str(other)]) == 2
+    assert f"{other}: has no /camera/front/info" in capsys.readouterr().err
