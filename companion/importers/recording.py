@@ -32,6 +32,10 @@ REMEDY_NO_SOURCE = (
     "expected a directory with intrinsics.json, frames.csv and depth PNGs, a TUM RGB-D directory, or a ROS 2 recording "
     "(.mcap, .db3, or the bag's directory)"
 )
+NOTHING_MEASURED = (
+    "no pixel of any image is measured, within 65 m: check the unit. 32FC1 is in metres, 16UC1 and PNGs in millimetres (another unit "
+    "of PNGs: depth_unit_mm in intrinsics.json)"
+)
 _LIST_COLUMNS = ("sequence", "file")
 
 
@@ -73,9 +77,12 @@ def import_recording(path: Path, output: Path, options: ImportOptions, config: C
         raise KeyboardInterrupt(f"interrupted after {done}; {output} was not written") from interrupt
     if not counted.kinds[DepthFrame]:
         raise _with_problems(f"{path}: no frame could be used, so that {output} was not written", report)
+    depth = counted.depth.summary()
+    if not depth.measured_share:
+        report.problem("depth", f"{path}: {NOTHING_MEASURED}")
     return Imported(
         output=output,
-        depth=counted.depth.summary(),
+        depth=depth,
         file_list=write_file_list(output, source.files),
         warnings=tuple(report.all_warnings()),
         frames=counted.kinds[DepthFrame],

@@ -21,6 +21,7 @@ from .ros2_depth import depth_of, encoding_of
 from .ros2_files import open_ros
 from .ros2_frames import DEPTH_TYPES, mount_of, rectified_camera
 from .ros2_scan import RosScan, stamp_ns
+from .ros2_stamps import ImageStamps
 
 _Sample = TypeVar("_Sample", AttitudeSample, PoseSample)
 
@@ -49,6 +50,7 @@ class Ros2Source:
         items: list[AttitudeSample | PoseSample] = [*self._attitudes, *self._poses]
         waiting = sorted(items, key=lambda s: s.t_arrival_ns)
         next_sample, newest_ns, exposures = 0, 0, []
+        stamps = ImageStamps(str(self._path), self._depth_topic)
         for number, (log_ns, message) in enumerate(self._images()):
             t_ns = stamp_ns(message.header)
             arrived_ns = self._scan.arrival_ns(log_ns, t_ns)
@@ -65,9 +67,11 @@ class Ros2Source:
                 next_sample += 1
             frame = self._frame(number, t_ns, arrival_ns, message)
             if frame is not None:
+                stamps.add(number, t_ns, self._scan.on_stamp_clock_ns(log_ns))
                 exposures.append(t_ns)
                 yield frame
         yield from waiting[next_sample:]
+        stamps.report(self._report)
         self._report_uncovered(exposures)
 
     def _report_uncovered(self, exposures: list[int]) -> None:
@@ -137,9 +141,17 @@ class Ros2Source:
         return f"no depth image in it; {self._found_text()}"
 
     def _found_text(self) -> str:
+        expected = "expected sensor_msgs/Image or compressedDepth with 16UC1 or 32FC1"
+        if self._scan.first_images:
+            return f"{expected}; its images are {self._images_text()}: record the depth topic of the camera"
         kinds = sorted(set(self._scan.types.values()))
         there = ", ".join(f"{kind} ({self._topics_of(kind)})" for kind in kinds[:6])
-        return f"expected sensor_msgs/Image or compressedDepth with 16UC1 or 32FC1, found {there}"
+        return f"{expected}, found {there}"
+
+    def _images_text(self) -> str:
+        images = sorted(self._scan.first_images.items())
+        named = (f"{topic} ({encoding_of(self._scan.types[topic], message)})" for topic, message in images)
+        return ", ".join(named)
 
     def _topics_of(self, kind: str) -> str:
         topics = sorted(t for t, k in self._scan.types.items() if k == kind)
@@ -179,9 +191,14 @@ class Ros2Source:
             return beside
         if len(self._scan.infos) == 1:
             return next(iter(self._scan.infos))
+        if not self._scan.infos:
+            raise BadData(
+                f"{self._path}: no camera info in it; record {beside} with the images, or give the images as a directory with "
+                "intrinsics.json"
+            )
         raise BadData(
             f"{self._path}: no camera info beside {self._depth_topic}; available: "
-            f"{_joined(list(self._scan.infos)) or 'none'}; choose with --info-topic"
+            f"{_joined(list(self._scan.infos))}; choose with --info-topic"
         )
 
     def _samples(self) -> tuple[list[AttitudeSample], list[PoseSample]]:

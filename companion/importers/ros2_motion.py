@@ -186,6 +186,12 @@ class Motion:
             "expected Odometry, PoseStamped, Imu with an orientation, VehicleAttitude or VehicleOdometry of PX4, or "
             "transforms of the base frame (--base-frame); or give the autopilot's log with --tlog"
         )
+        if self.unusable:
+            topic, number = self.unusable.most_common(1)[0]
+            return (
+                f"the {number} messages of {topic} have a position or an orientation that is not valid (not finite, no unit "
+                f"quaternion, or of a failed estimator): record while the estimator runs; {expected}"
+            )
         if not self.without_orientation:
             return expected
         topic, number = self.without_orientation.most_common(1)[0]

@@ -59,11 +59,15 @@ class RosScan:
     def span_ns(self, topic: str) -> tuple[int, int]:
         """First and last log time of a topic on the stamps' clock."""
         first_ns, last_ns = self._log_span_ns[topic]
-        return first_ns - self._offset_ns, last_ns - self._offset_ns
+        return self.on_stamp_clock_ns(first_ns), self.on_stamp_clock_ns(last_ns)
+
+    def on_stamp_clock_ns(self, log_ns: int) -> int:
+        """A log time on the stamps' clock."""
+        return log_ns - self._offset_ns
 
     def arrival_ns(self, log_ns: int, t_ns: int) -> int | None:
         """The arrival on the stamps' clock, not before the measurement; None for an implausible stamp."""
-        arrival_ns = log_ns - self._offset_ns
+        arrival_ns = self.on_stamp_clock_ns(log_ns)
         return max(arrival_ns, t_ns) if t_ns > 0 and abs(arrival_ns - t_ns) <= MAX_STAMP_ERROR_NS else None
 
     def _scan(self, recording: RosRecording) -> None:

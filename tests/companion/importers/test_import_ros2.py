@@ -199,7 +199,7 @@ def test_transforms_give_way_to_what_they_are_made_of(tmp_path: Path, capsys: py
     [
         (RosFlight(encoding="rgb8"), [], "no depth image in it"),
         (RosFlight(motion=()), [], "no attitude in it; expected Odometry"),
-        (RosFlight(info_topics=()), [], "no camera info beside /cam/depth/image; available: none"),
+        (RosFlight(info_topics=()), [], "no camera info in it; record /cam/depth/camera_info"),
         (RosFlight(), ["--depth-topic", "/none"], "/none is not in the recording; depth images: /cam/depth/image"),
         (RosFlight(), ["--info-topic", "/none"], "no camera info on /none; available: /cam/depth/camera_info"),
         (RosFlight(), ["--attitude-topic", "/none"], "no attitude on /none; available: /odom"),
