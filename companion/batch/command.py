@@ -179,6 +179,12 @@ def run(args: argparse.Namespace) -> int:
     flights = find_flights(args.inputs, args.vehicle, output, unread_inputs.append)
     for text in unread_inputs:
         warn(text)
+    for flight in flights:
+        if parts := ", ".join(map(str, flight.missing_parts)):
+            warn(
+                f"{flight}: part {parts} is missing between its files: deleted for the budget (as those of a disarmed vehicle), or "
+                "not copied; the results lack its time"
+            )
     if engine_name is EngineName.LOCAL:
         ensure_compiled("extractor", "tracking")
     report = batch(flights, output, options, engine)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from ..console import warn
-from ..log.log_directory import flight_and_part
+from ..log.log_directory import flight_and_part, recovered_from
 from ..log.log_file import ACTIVE
 from .storage import StoredFile, find_logs, is_result
 
@@ -37,6 +37,12 @@ class Flight:
     def size(self) -> int:
         """Bytes of all files."""
         return sum(file.size for file in self.files)
+
+    @property
+    def missing_parts(self) -> tuple[int, ...]:
+        """Numbers between the first and the last file of which there is no file."""
+        there = {flight_and_part(file.name)[1] for file in self.files}
+        return tuple(sorted(set(range(min(there), max(there))) - there))
 
     def __str__(self) -> str:
         return f"{self.vehicle}/{self.name}"
@@ -81,9 +87,14 @@ def find_flights(
 
 
 def _ordered(files: Iterable[StoredFile]) -> list[StoredFile]:
-    """By part number. An unfinished file is left out where its finished copy is present."""
+    """By part number. An unfinished file is left out where its finished copy is present, a damaged one where a recovered copy is."""
     by_name = {file.name: file for file in files}
-    kept = [f for n, f in by_name.items() if not (n.endswith(ACTIVE) and n.removesuffix(ACTIVE) in by_name)]
+    recovered = {recovered_from(name) for name in by_name}
+    kept = [
+        f
+        for n, f in by_name.items()
+        if not (n.endswith(ACTIVE) and n.removesuffix(ACTIVE) in by_name) and n not in recovered
+    ]
     return sorted(kept, key=lambda f: (flight_and_part(f.name)[1], f.name))
 
 

@@ -16,7 +16,7 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
-from .log_file import ACTIVE, RECOVERING, is_being_written, seems_written
+from .log_file import ACTIVE, RECOVERED, RECOVERING, is_being_written, seems_written
 
 _FLIGHT = re.compile(r"(?P<label>[0-9]{8}-[0-9]{6})(?:-(?P<number>[0-9]{1,9}))?")
 _PART = re.compile(r"^(?P<flight>.+)\.(?P<part>\d{3,})(?P<idle>\.idle)?\.mcap(?P<suffix>\.active|\.damaged)?$")
@@ -61,12 +61,18 @@ def part_path(folder: Path, flight: str, part: int, idle: bool = False) -> Path:
 
 
 def flight_and_part(name: str) -> tuple[str, int]:
-    """The flight and the number of a file name. A log with another name, such as `flight.mcap`, is part 0 of a flight with
-    its name."""
+    """The flight and the number of a file name, also of a recovered log. A log with another name, such as `flight.mcap`, is part 0
+    of a flight with its name."""
+    name = recovered_from(name) or name
     match = _PART.match(name)
     if match is not None:
         return match["flight"], int(match["part"])
     return name.removesuffix(ACTIVE).removesuffix(".mcap"), 0
+
+
+def recovered_from(name: str) -> str | None:
+    """The name of the log from which `companion recover` has made this one by default; None: another name."""
+    return f"{name.removesuffix(RECOVERED)}.mcap" if name.endswith(RECOVERED) else None
 
 
 def files_of(folder: Path) -> list[LogFile]:

@@ -24,6 +24,8 @@ CHUNK_BYTES: Final = 1 << 20
 ACTIVE: Final = ".active"
 RECOVERING: Final = ".recovering"
 """Suffix after ACTIVE of a file that a repair is writing."""
+RECOVERED: Final = ".recovered.mcap"
+"""End of the name of a log that `companion recover` has made, in place of .mcap."""
 DAMAGED: Final = ".damaged"
 """Suffix of an original that a repair could not copy completely."""
 

@@ -13,14 +13,23 @@ from mcap.records import Attachment, Channel, Metadata, Schema
 from mcap.writer import Writer
 
 from drivers.base import BadData
-from drivers.logs.reader import RECOVERED, open_scan
+from drivers.logs.reader import LOST, open_scan
 from drivers.logs.record_scanner import Damage, Item, Logged
 
 from ..common_options import add_replace
 from ..console import counted, first_damages, print_json, print_line
 from ..usage_error import UsageError
 from .descriptions import lost_descriptions
-from .log_file import ACTIVE, RECOVERING, finish_file, open_locked, refuse_target, seems_written, start_writer
+from .log_file import (
+    ACTIVE,
+    RECOVERED,
+    RECOVERING,
+    finish_file,
+    open_locked,
+    refuse_target,
+    seems_written,
+    start_writer,
+)
 
 
 @dataclass(slots=True)
@@ -54,7 +63,7 @@ def default_output(path: Path) -> Path:
     """FILE.mcap for FILE.mcap.active, otherwise FILE.recovered.mcap."""
     if path.name.endswith(ACTIVE):
         return path.with_name(path.name.removesuffix(ACTIVE))
-    return path.with_name(path.stem + ".recovered.mcap")
+    return path.with_name(path.stem + RECOVERED)
 
 
 def copy_readable(path: Path, target: Path, first: Sequence[Logged] = ()) -> RecoverResult:
@@ -103,7 +112,7 @@ class _Copy:
             result.damages.append(item)
             if not item.end:
                 writer: Any = self._writer
-                writer.add_metadata(RECOVERED, {str(item.offset): item.cause})
+                writer.add_metadata(LOST, {str(item.offset): item.cause})
         elif isinstance(item, Logged):
             m = item.message
             channel = self._channel(item.channel, item.schema)

@@ -32,7 +32,7 @@ from .topics import ENCODING, TOPICS, find_topic
 EVENT_KEYS: Final = ("depth", "attitude", "pose")
 _ROS2_DEPTH: Final = ("sensor_msgs/msg/Image", "sensor_msgs/Image")
 _LISTED: Final = 4
-RECOVERED: Final = "osape recovered"
+LOST: Final = "osape lost"
 """Name of the metadata that state what a recovered log has lost: places in the damaged file and causes."""
 
 
@@ -149,7 +149,7 @@ class McapRecording:
             self.share_read = scan.share_read
             if isinstance(item, Damage):
                 raise BadData(damage_text(self.path, item))
-            if isinstance(item, Metadata) and item.name == RECOVERED:
+            if isinstance(item, Metadata) and item.name == LOST:
                 self.lost += [f"byte {offset}: {cause}" for offset, cause in item.metadata.items()]
             if not isinstance(item, Logged):
                 continue

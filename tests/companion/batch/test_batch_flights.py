@@ -170,3 +170,25 @@ def test_a_vehicle_s_name_is_safe_as_a_folder(tmp_path: Path) -> None:
     touch(tmp_path, "one.mcap")
     (flight,) = find_flights([str(tmp_path)], vehicle="../a b=c/d")
     assert flight.partition == "vehicle=_a_b_c_d/date=unknown"
+
+
+def test_a_recovered_log_takes_the_place_of_its_damaged_original(tmp_path: Path) -> None:
+    """`companion recover` writes it beside the original: each frame would be counted twice."""
+    touch(tmp_path, "a/20261101-100000.000.idle.mcap", "a/20261101-100000.001.mcap", "a/hover.mcap")
+    touch(tmp_path, "a/20261101-100000.000.idle.recovered.mcap", "a/hover.recovered.mcap")
+    touch(tmp_path, "a/20261101-110000.000.recovered.mcap")
+    found = {f.name: [file.name for file in f.files] for f in find_flights([str(tmp_path)])}
+    assert found == {
+        "20261101-100000": ["20261101-100000.000.idle.recovered.mcap", "20261101-100000.001.mcap"],
+        "20261101-110000": ["20261101-110000.000.recovered.mcap"],
+        "hover": ["hover.recovered.mcap"],
+    }
+
+
+def test_missing_files_of_a_flight_are_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Those before the first one may have been deleted for the budget."""
+    touch(tmp_path, *(f"a/20261101-100000.{part:03d}.mcap" for part in (2, 3, 6, 8)))
+    (flight,) = find_flights([str(tmp_path)])
+    assert flight.missing_parts == (4, 5, 7)
+    assert main(["batch", "-o", str(tmp_path / "out"), str(tmp_path / "a")]) == 1
+    assert "warning: a/20261101-100000: part 4, 5, 7 is missing" in capsys.readouterr().err
