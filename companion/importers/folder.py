@@ -122,6 +122,6 @@ class _FolderRows:
                 shown = ", ".join(unlisted[:3]) + (", ..." if len(unlisted) > 3 else "")
                 self._report.problem(
                     "gap",
-                    f"{self._folder / 'frames.csv'}: {len(unlisted)} images in {parent.name}/ have no row ({shown}): "
-                    "they have no time and are left out; add their rows, or move the images away",
+                    f"{self._folder / 'frames.csv'}: {counted(len(unlisted), 'image')} in {parent.name}/ without a usable row ({shown}): "
+                    "they have no time and are left out; add or correct their rows, or move the images away",
                 )

@@ -7,7 +7,9 @@ import io
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
+from statistics import median
 
 from core.types import AttitudeSample, CameraInfo, DepthFrame, PoseSample
 from drivers.base import BadData, DeviceNotFound, Event
@@ -36,6 +38,8 @@ NOTHING_MEASURED = (
     "no pixel of any image is measured, within 65 m: check the unit. 32FC1 is in metres, 16UC1 and PNGs in millimetres (another unit "
     "of PNGs: depth_unit_mm in intrinsics.json)"
 )
+LEAST_INTERVAL_S = 0.001
+"""Median interval of images, shorter than of any camera: of 10 Hz with times in microseconds it is 0.0001 s."""
 _LIST_COLUMNS = ("sequence", "file")
 
 
@@ -80,6 +84,12 @@ def import_recording(path: Path, output: Path, options: ImportOptions, config: C
     depth = counted.depth.summary()
     if not depth.measured_share:
         report.problem("depth", f"{path}: {NOTHING_MEASURED}")
+    if 0.0 < counted.interval_s < LEAST_INTERVAL_S:
+        report.problem(
+            "unit",
+            f"{path}: the images are {counted.interval_s:.1e} s apart: their times are probably in another unit than nanoseconds; convert "
+            "them (t_ns of frames.csv)",
+        )
     return Imported(
         output=output,
         depth=depth,
@@ -164,6 +174,11 @@ class _Counted:
     def duration_s(self) -> float:
         """Time from the first to the last exposure."""
         return (max(self._exposures) - min(self._exposures)) / NS if self._exposures else 0.0
+
+    @property
+    def interval_s(self) -> float:
+        """Median time from one exposure to the next; 0 without two."""
+        return median(b - a for a, b in pairwise(self._exposures)) / NS if len(self._exposures) > 1 else 0.0
 
     def events(self) -> Iterator[Event]:
         """The events of the source."""

@@ -22,7 +22,8 @@ ATTITUDE: Final = "vehicle_attitude"
 POSITION: Final = "vehicle_local_position"
 GPS: Final = ("vehicle_gps_position", "sensor_gps")
 NO_RATES: Final = (math.nan, math.nan, math.nan)
-_PARSE_ERRORS: Final = (struct.error, ValueError, TypeError, LookupError, AttributeError)
+_PARSE_ERRORS: Final = (struct.error, ValueError, TypeError, LookupError, AttributeError, OverflowError, OSError)
+"""The last two: a place outside of the file."""
 
 
 def read_ulog(path: Path) -> VehicleLog:
@@ -31,11 +32,13 @@ def read_ulog(path: Path) -> VehicleLog:
     need = f"{path}: PX4 logs need pyulog", "pyulog>=1.1"
     pyulog, core = optional_module("pyulog", *need), optional_module("pyulog.core", *need)
     try:
-        with collected_output():
-            log = pyulog.ULog(str(regular(path)), [ATTITUDE, POSITION, *GPS])
-        return _vehicle_log(path, log)
+        regular(path).open("rb").close()
     except OSError as error:
         raise DeviceNotFound(f"{path}: cannot be read ({error.strerror}); check the path") from error
+    try:
+        with collected_output():
+            log = pyulog.ULog(str(path), [ATTITUDE, POSITION, *GPS])
+        return _vehicle_log(path, log)
     except (core.ULogException, *_PARSE_ERRORS) as error:
         raise BadData(f"{path}: not a readable PX4 log ({error}); copy it again from the autopilot") from error
 

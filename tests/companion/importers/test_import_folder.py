@@ -173,7 +173,7 @@ def rows_with(changes: dict[int, str | None], count: int = 10) -> list[str]:
         ({4: "depth/000004.png,400000000,0,57.3,0,0,0,0"}, "more than a full turn (line 6)", 10),
         ({4: "depth/000004.png,400000000,0,0,0,0,nan,0"}, "1 row without a usable position (line 6)", 10),
         ({4: "depth/000004.png,9" + "9" * 30 + ",0,0,0,0,0,0"}, "out of range", 9),
-        ({4: None, 5: None}, "2 images in depth/ have no row (000004.png, 000005.png)", 8),
+        ({4: None, 5: None}, "2 images in depth/ without a usable row (000004.png, 000005.png)", 8),
     ],
 )
 def test_bad_rows_are_reported_with_their_lines(
