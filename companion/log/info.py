@@ -9,13 +9,13 @@ from typing import Any, Final
 
 from core.codes import text_of
 from core.types import CameraInfo, InvalidCause
+from drivers.logs.written import seems_written
 from drivers.shell_word import shell_word
 
 from ..config.obstacle_range import obstacle_range_m
 from ..console import counted, fail, first_damages, print_json, print_line
 from ..pipeline.sync import DropCause
 from .log_content import NS, LogInfo, TopicInfo, read_log_info
-from .log_file import seems_written
 
 _LISTED: Final = 40
 _MIN_GAP_NS: Final = 150_000_000

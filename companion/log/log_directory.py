@@ -16,7 +16,9 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
-from .log_file import ACTIVE, RECOVERED, RECOVERING, is_being_written, seems_written
+from drivers.logs.written import is_being_written, seems_written
+
+from .log_file import ACTIVE, RECOVERED, RECOVERING
 
 _FLIGHT = re.compile(r"(?P<label>[0-9]{8}-[0-9]{6})(?:-(?P<number>[0-9]{1,9}))?")
 _PART = re.compile(r"^(?P<flight>.+)\.(?P<part>\d{3,})(?P<idle>\.idle)?\.mcap(?P<suffix>\.active|\.damaged)?$")

@@ -14,6 +14,7 @@ from typing import BinaryIO, Final
 from mcap.writer import CompressionType, Writer
 
 from drivers.logs.record_scanner import MAGIC
+from drivers.logs.written import is_being_written
 
 from ..whole_file import refuse_existing
 from .mcap_writer import McapWriter
@@ -67,26 +68,6 @@ def open_locked(path: Path, *, replace: bool) -> BinaryIO:
 
 def _in_use(path: Path) -> FileInUseError:
     return FileInUseError(f"{path}: another process writes it; wait for its end, or give another name")
-
-
-def is_being_written(path: Path) -> bool:
-    """Whether a process has the file open by `open_locked`. Raises OSError where it cannot be opened."""
-    with path.open("rb") as stream:
-        try:
-            fcntl.flock(stream, fcntl.LOCK_SH | fcntl.LOCK_NB)
-        except BlockingIOError:
-            return True
-        except OSError:
-            pass  # some network file systems have no locks
-    return False
-
-
-def seems_written(path: Path) -> bool:
-    """The same; False where it is not a file, or cannot be opened: it was renamed, or who reads it reports the cause."""
-    try:
-        return path.is_file() and is_being_written(path)
-    except OSError:
-        return False
 
 
 def refuse_output(path: Path, *inputs: Path, replace: bool) -> None:

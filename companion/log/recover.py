@@ -15,6 +15,7 @@ from mcap.writer import Writer
 from drivers.base import BadData
 from drivers.logs.reader import LOST, open_scan
 from drivers.logs.record_scanner import Damage, Item, Logged
+from drivers.logs.written import seems_written
 
 from ..common_options import add_replace
 from ..console import counted, first_damages, print_json, print_line
@@ -27,7 +28,6 @@ from .log_file import (
     finish_file,
     open_locked,
     refuse_target,
-    seems_written,
     start_writer,
 )
 

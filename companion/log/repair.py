@@ -17,11 +17,12 @@ from pathlib import Path
 from typing import Final
 
 from drivers.base import DriverError
+from drivers.logs.written import is_being_written
 
 from ..console import counted, print_line
 from ..stop_signal import end_with_parent
 from .log_directory import delete_unfinished_copies, files_of
-from .log_file import ACTIVE, DAMAGED, is_being_written
+from .log_file import ACTIVE, DAMAGED
 from .recover import copy_readable
 
 log = logging.getLogger("companion")

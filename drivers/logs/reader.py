@@ -28,6 +28,7 @@ from .codec import (
 )
 from .record_scanner import Damage, Logged, McapScan, NotMcap
 from .topics import ENCODING, TOPICS, find_topic
+from .written import seems_written
 
 EVENT_KEYS: Final = ("depth", "attitude", "pose")
 _ROS2_DEPTH: Final = ("sensor_msgs/msg/Image", "sensor_msgs/Image")
@@ -261,7 +262,9 @@ def our_channel(channel: Channel, schema: Schema | None) -> tuple[str, str] | No
 
 
 def damage_text(path: Path, damage: Damage) -> str:
-    """The text of a damage with its remedy."""
+    """The text of a damage with its remedy, or why it is none."""
+    if damage.end and seems_written(path):
+        return f"{path}: a process is writing it; what it had written was read"
     return (
         f"{path}: damaged at byte {damage.offset}: {damage.cause}; everything before it was read. `companion recover "
         f"{shell_word(path)}` recovers the readable part"

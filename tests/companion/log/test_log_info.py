@@ -18,13 +18,14 @@ from mcap.writer import Writer
 from companion.cli import main
 from companion.log.info import print_info
 from companion.log.log_content import read_log_info
-from companion.log.log_file import FileInUseError, is_being_written, open_locked
+from companion.log.log_file import FileInUseError, open_locked
 from companion.log.log_writer import LogWriter
 from companion.log.provenance import run_info
 from companion.log.repair import repair_file
 from companion.pipeline.pipeline import Pipeline
 from core.types import AttitudeSample
 from drivers.logs.topics import TOPICS
+from drivers.logs.written import is_being_written
 
 from ..small_recordings import INFO, MS, START_NS, EasyExtractor, attitude, flight, frame, write_flight
 

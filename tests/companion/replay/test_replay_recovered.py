@@ -10,6 +10,7 @@ import pytest
 from mcap.opcode import Opcode
 
 from companion.cli import main
+from companion.log.log_file import open_locked
 from companion.log.log_writer import LogWriter
 from companion.log.provenance import run_info
 from companion.log.recover import recover
@@ -118,3 +119,16 @@ def test_a_log_of_other_cameras_has_no_description_to_take(chunked, tmp_path, ca
     bad.write_bytes(chunked.read_bytes()[: chunked.stat().st_size * 2 // 3])
     assert main(["recover", str(with_damaged_chunk(bad, bad, 0)), "--cameras-from", str(other)]) == 2
     assert f"{other}: has no /camera/front/info" in capsys.readouterr().err
+
+
+def test_a_log_that_is_being_written_is_no_damage(chunked, tmp_path, capsys):
+    """The remedy was `companion recover`, which refuses a log that is being written."""
+    with open_locked(tmp_path / "flight.mcap.active", replace=False) as stream:
+        stream.write(chunked.read_bytes()[: chunked.stat().st_size * 2 // 3])
+        stream.flush()
+        assert main(["replay", str(tmp_path / "flight.mcap.active")]) == 1
+        error = capsys.readouterr().err
+    assert "a process is writing it; what it had written was read" in error
+    assert "recover" not in error
+    assert main(["replay", str(tmp_path / "flight.mcap.active")]) == 1
+    assert "companion recover" in capsys.readouterr().err
