@@ -15,6 +15,8 @@ named tuple (peak: Peak, cover: Cover) is one.
     R_level_optical  (3, 3) rotation, R in kernels
     view             ViewGeometry of the levelled view, H: its homography, gain: its f_px * lsb_per_px
     codes            (cols, rows) uint16, quantised disparity of the levelled view; line: one column of it
+    marked           MarkedView of open_blocks.py, mm: its millimetres and marks; columns: Columns of open_columns.py, or
+                     (first, end) of the columns of cells that a function works on; s: a record of OPEN_SETTINGS
     source, image    SOURCE: (1,), and its record
     ground           Ground of the frame; GroundThreshold in the stages of strips
     points           (N,) POINT, sampled pixels of ground.py
