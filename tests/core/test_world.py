@@ -251,6 +251,7 @@ def test_blind_frames_change_nothing_and_an_empty_world_is_unknown() -> None:
     before = world.picture(now)
     world.add(blind(now))
     assert same(before, world.picture(now))
+    assert [world.numbers()[name] for name in ("frames", "blind")] == [16, 6]
 
 
 # ---- jumps ------------------------------------------------------------------------------------------------------------
