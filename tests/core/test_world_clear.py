@@ -64,3 +64,33 @@ def test_what_is_evidence_that_a_plane_is_gone(
     after = world.picture((1 + CLEAR_LIMIT) * STEP).planes
     assert len(before) == 1
     assert len(after) == 0 if gone else np.array_equal(after, before)
+
+
+@pytest.mark.parametrize(
+    ("heading_rad", "top_m", "gone"),
+    [
+        (0.0, -3.0, False),
+        # the obstacle is above the plane
+        (0.0, -1.0, True),
+        # the plane is out of view
+        (2.0, -1.0, False),
+        (-2.0, -1.0, False),
+    ],
+)
+def test_what_a_frame_observes_elsewhere_is_no_evidence(heading_rad: float, top_m: float, gone: bool) -> None:
+    """Free space at -1 to 3 m in all directions of the view, and above it an obstacle at the range of the plane."""
+    world, walls = World(), np.array([wall(RANGE_M, -0.5, RANGE_M, 0.5, top_m, 3.0)])
+    world.add(seen(walls, (0.0, 0.0), 0.0, 0))
+    before = world.picture(0).planes
+    for k in range(1, 1 + CLEAR_LIMIT):
+        without = seen(np.zeros((0, 6)), (0.0, 0.0), heading_rad, k * STEP)
+        profile = without.model.free
+        free = replace(
+            profile,
+            free_to_m=np.tile(np.array([6.5, 9.0, 9.0], np.float32), (len(profile.end), 1)),
+            end=np.full_like(profile.end, OBSTACLE),
+        )
+        world.add(replace(without, model=replace(without.model, free=free)))
+    after = world.picture((1 + CLEAR_LIMIT) * STEP).planes
+    assert len(before) == 1
+    assert len(after) == 0 if gone else np.array_equal(after, before)
