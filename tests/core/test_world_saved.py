@@ -244,3 +244,16 @@ def test_planes_that_are_seen_one_above_another_are_not_joined_beyond_what_a_mes
     assert (planes[:, 5] - planes[:, 4]).max() <= 655.3
     for z in range(-900, 0, 10):
         assert ((planes[:, 4] <= z) & (planes[:, 5] >= z)).any(), f"nothing is left at {z} m"
+
+
+def test_only_the_first_frame_after_loading_belongs_to_the_section_at_any_position() -> None:
+    walls = np.array([wall(8.0, -4.0, 8.0, 4.0)])
+    before = World()
+    before.add(seen(walls, (0.0, 0.0), 0.0, 0))
+    world = World()
+    world.load(before.saved())
+    for k, x in enumerate((0.0, 0.1, 50.0)):
+        observation = seen(np.zeros((0, 6)), (x, 20.0), 0.0, (100 + k) * NS // 10)
+        world.add(replace(observation, estimate=(3,)))
+        assert world.counts.sections == (1 if x < 1.0 else 2)
+    assert world.past[0].used_slots["seen_ns"].max() <= 10 * NS
