@@ -70,7 +70,7 @@ class Service:
         """warm_up: loads the kernels, in the pipeline's thread; start_text: what it is doing."""
         self.suspension = Suspension()  # before the parts, so that it finds each one that a part finds
         self.config, self._folders, self._start_text = config, folders, start_text
-        self._stamps = PublicationStamps(boot_id())
+        self._stamps = PublicationStamps(boot_id(), time.monotonic_ns())
         self._context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
         self._staleness = StalenessMonitor(tuple(c.name for c in config.cameras), config.service.timeout_s)
         self._raw_mavlink: list[RawMavlink] = []

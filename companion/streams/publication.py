@@ -9,11 +9,11 @@ READINGS = 5
 
 
 class PublicationStamps:
-    """Makes the field `publication` of messages. boot: identifier of this boot. Make it when the service starts: ages contain
-    the time for which the computer was suspended since then."""
+    """Makes the field `publication` of messages. boot: identifier of this boot; start_ns: start of the service by the monotonic
+    clock. Make it when the service starts: ages contain the time for which the computer was suspended since then."""
 
-    def __init__(self, boot: str) -> None:
-        self.boot = boot
+    def __init__(self, boot: str, start_ns: int = 0) -> None:
+        self.boot, self._start_ns = boot, start_ns
         # a pause of this process makes a reading less, and all later ages greater
         self._suspended_ns = max(suspended_ns() for _ in range(READINGS))
 
@@ -22,4 +22,10 @@ class PublicationStamps:
         since_start_ns = suspended_ns() - self._suspended_ns
         if since_start_ns >= LEAST_NS:
             age_ns += since_start_ns
-        return pb.Publication(boot_id=self.boot, number=number, age_ns=age_ns, suspended_ns=self._suspended_ns)
+        return pb.Publication(
+            boot_id=self.boot,
+            number=number,
+            age_ns=age_ns,
+            suspended_ns=self._suspended_ns,
+            start_ns=self._start_ns,
+        )

@@ -401,15 +401,16 @@ def test_a_snapshot_of_an_earlier_boot_is_refused() -> None:
     with WorldMirror("ipc:///nowhere/w", "ipc:///nowhere/r") as mirror:
         mirror._read(made(old, 10, "one", True), clock_ns())
         assert mirror.usable
+        ended_ns = clock_ns()
         mirror._read(made(new, 3, "two", False), clock_ns())
         assert not mirror.usable
-        mirror._read(made(old, 11, "one", True), clock_ns())
+        mirror._read(made(old, 11, "one", True), ended_ns)
         assert not mirror.usable
         assert Occupancy.FREE not in mirror.space.points([[4, 0, 0]])
         assert mirror.stats.out_of_order == 1
         mirror._read(made(new, 4, "two", True), clock_ns())
         assert mirror.usable
-        mirror._read(made(old, 12, "one", False), clock_ns())
+        mirror._read(made(old, 12, "one", False), ended_ns)
         assert mirror.usable, "a late message of the earlier boot ends nothing, either"
         mirror._read(made(new, 5, "two", False), clock_ns())
         assert mirror.usable

@@ -28,11 +28,12 @@ void print(const osape_client::Message& message) {
 
 int run(const char* address, long count) {
   osape_client::Subscriber subscriber(address);
-  for (auto undecodable = subscriber.stats().undecodable; count != 0; --count) {
+  const auto refused = [&] { return subscriber.stats().undecodable + subscriber.stats().conflicting; };
+  for (auto before = refused(); count != 0; --count) {
     if (const auto* message = subscriber.wait(kSilence)) {
       print(*message);
-    } else if (subscriber.stats().undecodable != undecodable) {
-      undecodable = subscriber.stats().undecodable;
+    } else if (refused() != before) {
+      before = refused();
       std::printf("nothing may be taken as free: %s\n", subscriber.stats().last_error.c_str());
     } else {
       std::printf("nothing may be taken as free: no message on %s; does the service run?\n", address);

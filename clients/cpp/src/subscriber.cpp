@@ -19,6 +19,7 @@ constexpr auto kSilence = std::chrono::seconds(5);
 // Largest difference in rate of the clocks of two computers, each corrected by up to 500 ppm. A delay that grows more slowly is not
 // noticed, and one that lasts counts for less by as much.
 constexpr double kClockDrift = 1e-3;
+constexpr std::size_t kMostFormer = 16;  // services of which is remembered that others have replaced them
 constexpr double kMostLateS = 1e9;  // longer than any; its nanoseconds fit into 64 bits
 constexpr std::chrono::milliseconds kLongestWait = std::chrono::hours(24 * 365);  // the end of a longer one does not fit
 
@@ -29,6 +30,7 @@ double seconds(std::int64_t nanoseconds) { return 1e-9 * static_cast<double>(nan
 
 double now_s() { return seconds(Clock::now().time_since_epoch()); }
 
+
 // Identifier of this boot of the machine; empty where the system has none.
 const std::string& boot_id() {
   static const std::string id = [] {
@@ -38,6 +40,20 @@ const std::string& boot_id() {
     return line;
   }();
   return id;
+}
+
+// Whether stamps of the service are by the clock of this machine.
+bool has_this_clock(const osape::v1::Publication& publication) {
+  return !boot_id().empty() && publication.boot_id() == boot_id() && publication.has_suspended_ns();
+}
+
+// The earliest time at which a message can have been sent, from another machine that at which it can have arrived.
+double earliest_sent_s(const Message& message) {
+  const auto& publication = message.content.publication();
+  const double received_s = seconds(message.received.time_since_epoch());
+  if (message.content.t_exposure_ns() == 0 || !has_this_clock(publication)) return received_s;
+  const double sent_s = seconds(message.content.t_exposure_ns()) + seconds(publication.suspended_ns()) + seconds(publication.age_ns());
+  return sent_s <= now_s() ? sent_s : received_s;
 }
 
 }  // namespace
@@ -68,13 +84,33 @@ double Message::age_s() const {
   const double published_s = std::max(0.0, seconds(publication.age_ns()));
   const auto now = Clock::now();
   const double since_receipt_s = published_s + seconds(now - received);
-  if (!boot_id().empty() && publication.boot_id() == boot_id() && publication.has_suspended_ns()) {  // one clock
+  if (has_this_clock(publication)) {
     const double exposed_s = seconds(content.t_exposure_ns()) + seconds(publication.suspended_ns());
     const double since_s = seconds(now.time_since_epoch()) - exposed_s;
     // a negative age: the stamp was in the future when it was sent
     if (since_s >= 0.0) return std::max(since_s, publication.age_ns() >= 0 ? published_s : since_receipt_s);
   }
   return since_receipt_s;
+}
+
+Sources::Verdict Sources::take(const Message& message) {
+  const auto& publication = message.content.publication();
+  const Source source(publication.boot_id(), publication.start_ns());
+  const auto now = Clock::now();
+  if (source != present_) {
+    const double sent_s = earliest_sent_s(message);
+    const auto before = std::find(former_.begin(), former_.end(), source);
+    if (before != former_.end()) {
+      if (sent_s <= since_s_) return Verdict::kLate;
+      conflict_ = now;
+      former_.erase(before);
+    }
+    if (present_) former_.push_back(*present_);
+    if (former_.size() > kMostFormer) former_.pop_front();
+    present_ = source;
+    since_s_ = sent_s;
+  }
+  return conflict_ && now - *conflict_ < kConflict ? Verdict::kConflict : Verdict::kUsed;
 }
 
 struct Subscriber::Socket {
@@ -161,14 +197,20 @@ bool Subscriber::receive(std::chrono::milliseconds timeout) {
     stats_.last_error = address_ + ": a PrismsFrame that is cut short: the part that is written last is missing";
     return false;
   }
-  if (!is_newer(frame)) {
+  Message message{std::move(frame), received, timeout_s_};
+  const auto verdict = sources_.take(message);
+  if (verdict == Sources::Verdict::kConflict) {
+    refuse_all();
+    return false;
+  }
+  if (verdict == Sources::Verdict::kLate || !is_newer(message.content)) {
     ++stats_.out_of_order;
     return false;
   }
   ++stats_.messages;
-  const std::chrono::duration<double> late(delays_.late_s(frame));
-  received = std::min(received, Clock::now() - std::chrono::duration_cast<Clock::duration>(late));
-  newest_ = Message{std::move(frame), received, timeout_s_};
+  const std::chrono::duration<double> late(delays_.late_s(message.content));
+  message.received = std::min(received, Clock::now() - std::chrono::duration_cast<Clock::duration>(late));
+  newest_ = std::move(message);
   return true;
 }
 
@@ -191,7 +233,15 @@ void Subscriber::connect_after_silence() {
 bool Subscriber::is_newer(const osape::v1::PrismsFrame& frame) const {
   if (!newest_) return true;
   const auto &before = newest_->content.publication(), &after = frame.publication();
-  return before.boot_id() != after.boot_id() || after.number() > before.number() || after.number() == 0 || newest_->stale();
+  const bool other_service = before.boot_id() != after.boot_id() || before.start_ns() != after.start_ns();
+  return other_service || after.number() > before.number() || after.number() == 0 || newest_->stale();
+}
+
+// Two services publish: makes the newest message stale, which may be that of another vehicle.
+void Subscriber::refuse_all() {
+  ++stats_.conflicting;
+  stats_.last_error = address_ + ": two services publish to this address; nothing of either is used";
+  if (newest_) newest_->timeout_s = 0.0;
 }
 
 }  // namespace osape_client

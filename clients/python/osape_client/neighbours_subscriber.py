@@ -15,6 +15,7 @@ from .clock import LONGEST_WAIT_S, clock_ns
 from .neighbours import NeighbourObstacles, no_obstacles
 from .proto import osape_v1_pb2 as pb
 from .receive_time import Delays
+from .sources import Sources, Verdict
 from .stream_subscriber import StreamSubscriber
 
 NS = 1_000_000_000
@@ -22,18 +23,19 @@ SCHEMA_VERSION = 1
 
 
 class NeighboursSubscriber(StreamSubscriber):
-    """Receives the stream `neighbours`. Not thread-safe.
+    """Receives the stream `neighbours`. conflicting: number of messages that were not used because two services publish to the
+    address. Not thread-safe.
 
     address: None: the service on this machine; timeout_s: obstacles of an older message are not returned; keys: folder of this
     client's CURVE keys. Raises KeyFileError."""
 
     def __init__(self, address: str | None = None, *, timeout_s: float = 1.0, keys: Path | None = None) -> None:
         super().__init__("neighbours", address, keys)
-        self.undecodable = 0
+        self.undecodable = self.conflicting = 0
         self._timeout_s = timeout_s
         self._newest: NeighbourObstacles | None = None
         self._received_ns = self._sent_age_ns = self._late_ns = 0
-        self._delays = Delays()
+        self._delays, self._sources = Delays(), Sources()
 
     def newest(self, section: int | None = None, wait_s: float = 0.0) -> NeighbourObstacles:
         """The newest obstacles, the moving ones where they are now. None of them: where the newest are older than timeout_s, the
@@ -56,7 +58,12 @@ class NeighboursSubscriber(StreamSubscriber):
                 raise ValueError(f"schema {message.schema_version}, expected {SCHEMA_VERSION}")
             if not message.HasField("publication"):
                 raise ValueError("cut short: the part that is written last is missing")
-            self._newest, self._received_ns = NeighbourObstacles(message), received_ns
+            found = NeighbourObstacles(message)
+            verdict = self._sources.take(message.publication, message.t_ns, received_ns)
+            self.conflicting += verdict is Verdict.CONFLICT
+            if verdict is not Verdict.USED:
+                return
+            self._newest, self._received_ns = found, received_ns
             self._sent_age_ns = max(0, message.publication.age_ns)
             self._late_ns = received_ns - self._delays.arrival_ns(message.publication, message.t_ns, received_ns)
         except (DecodeError, ValueError):

@@ -112,7 +112,18 @@ def age_ns(publication: pb.Publication, t_ns: int, received_ns: int) -> int:
     now_ns, published_ns = clock_ns(), publication.age_ns
     since_receipt_ns = max(0, published_ns) + now_ns - received_ns
     exposed_ns = t_ns + publication.suspended_ns
-    one_clock = publication.boot_id == boot_id() and publication.HasField("suspended_ns")
-    if one_clock and exposed_ns <= now_ns:
+    if _has_this_clock(publication) and exposed_ns <= now_ns:
         return max(now_ns - exposed_ns, published_ns if published_ns >= 0 else since_receipt_ns)
     return since_receipt_ns
+
+
+def earliest_sent_ns(publication: pb.Publication, t_ns: int, received_ns: int) -> int:
+    """The earliest time at which a message can have been sent, by `clock_ns`, from another machine that at which it can have arrived.
+    t_ns: of its exposure, 0: it has none; received_ns: as `TimedSocket.take` returned it."""
+    sent_ns = t_ns + publication.suspended_ns + publication.age_ns
+    return sent_ns if t_ns != 0 and _has_this_clock(publication) and sent_ns <= clock_ns() else received_ns
+
+
+def _has_this_clock(publication: pb.Publication) -> bool:
+    """True if stamps of the service are by the clock of this machine."""
+    return publication.boot_id == boot_id() and publication.HasField("suspended_ns")

@@ -29,6 +29,7 @@ from .model import MOST_M, without_free
 from .proto import osape_v1_pb2 as pb
 from .query.space import PlacedModel, Space
 from .receive_time import Delays, age_ns
+from .sources import CONFLICT_TEXT, Sources, Verdict
 from .stream_subscriber import StreamSubscriber
 
 NS = 1_000_000_000
@@ -173,11 +174,13 @@ def _exposure_ns(content: pb.PrismsFrame | pb.SurroundFrame) -> int:
 @dataclass(slots=True)
 class ReceiveStats:
     """Counts of received messages. undecodable: not a message of this schema; out_of_order: not newer than an earlier one;
-    last_error: the address and cause of the last undecodable one."""
+    conflicting: not used because two services publish to the address; last_error: the address and cause of the last undecodable or
+    conflicting one."""
 
     messages: int = 0
     undecodable: int = 0
     out_of_order: int = 0
+    conflicting: int = 0
     last_error: str = ""
 
 
@@ -202,6 +205,7 @@ class Subscriber(StreamSubscriber):
         self._timeout_s = timeout_s
         self.stats = ReceiveStats()
         self._delays = Delays()
+        self._sources = Sources()
         self._newest: Message | None = None
 
     def latest(self) -> Message | None:
@@ -254,7 +258,11 @@ class Subscriber(StreamSubscriber):
         if not content.HasField("publication"):  # without it the age is not known
             self._count_undecodable(f"{len(data)} bytes are cut short: the part that is written last is missing")
             return False
-        if not self._is_newer(content):
+        verdict = self._sources.take(content.publication, _exposure_ns(content), received_ns)
+        if verdict is Verdict.CONFLICT:
+            self._refuse_all()
+            return False
+        if verdict is Verdict.LATE or not self._is_newer(content):
             self.stats.out_of_order += 1
             return False
         self.stats.messages += 1
@@ -268,8 +276,19 @@ class Subscriber(StreamSubscriber):
             return True
         before, after = self._newest.content.publication, content.publication
         return (
-            before.boot_id != after.boot_id or after.number > before.number or after.number == 0 or self._newest.stale
+            before.boot_id != after.boot_id
+            or before.start_ns != after.start_ns
+            or after.number > before.number
+            or after.number == 0
+            or self._newest.stale
         )
+
+    def _refuse_all(self) -> None:
+        """Two services publish: makes the newest message stale, which may be that of another vehicle."""
+        self.stats.conflicting += 1
+        self.stats.last_error = f"{self.address}: {CONFLICT_TEXT}"
+        if self._newest is not None:
+            self._newest = replace(self._newest, timeout_s=0.0)
 
     def _count_undecodable(self, error: str) -> None:
         self.stats.undecodable += 1

@@ -17,6 +17,7 @@ from google.protobuf.message import DecodeError
 from .clock import clock_ns, deadline_ns
 from .proto import osape_v1_pb2 as pb
 from .receive_time import Delays, age_ns
+from .sources import Sources, Verdict
 from .stream_subscriber import StreamSubscriber
 from .tracks import Tracks, tracks_from_message
 
@@ -51,15 +52,16 @@ class ReceivedTracks:
 
 class TracksSubscriber(StreamSubscriber):
     """Receives the stream `tracks`; only the newest message is kept, of whichever camera. Messages of another schema, and
-    those without the part that is written last, are counted in `undecodable`. Not thread-safe.
+    those without the part that is written last, are counted in `undecodable`, those that are not used because two services publish to
+    the address in `conflicting`. Not thread-safe.
 
     address: None: the service on this machine; timeout_s: age at which a message becomes stale; keys: folder of this
     client's CURVE keys. Raises KeyFileError."""
 
     def __init__(self, address: str | None = None, *, timeout_s: float = 0.4, keys: Path | None = None) -> None:
         super().__init__("tracks", address, keys)
-        self.undecodable = 0
-        self._delays = Delays()
+        self.undecodable = self.conflicting = 0
+        self._delays, self._sources = Delays(), Sources()
         self._timeout_s = timeout_s
 
     def wait(self, timeout_s: float) -> ReceivedTracks | None:
@@ -73,9 +75,16 @@ class TracksSubscriber(StreamSubscriber):
                     content.ParseFromString(received[0])
                 except DecodeError:
                     content.Clear()
-                if content.schema_version == SCHEMA_VERSION and content.HasField("publication"):
+                if content.schema_version != SCHEMA_VERSION or not content.HasField("publication"):
+                    self.undecodable += 1
+                elif self._is_usable(content, received[1]):
                     arrival_ns = self._delays.arrival_ns(content.publication, content.t_exposure_ns, received[1])
                     return ReceivedTracks(content, arrival_ns, self._timeout_s)
-                self.undecodable += 1
             if clock_ns() >= end_ns:
                 return None
+
+    def _is_usable(self, content: pb.Tracks, received_ns: int) -> bool:
+        """False: of a service that has ended, or of one of two."""
+        verdict = self._sources.take(content.publication, content.t_exposure_ns, received_ns)
+        self.conflicting += verdict is Verdict.CONFLICT
+        return verdict is Verdict.USED

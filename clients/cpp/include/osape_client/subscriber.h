@@ -3,9 +3,11 @@
 
 #include <chrono>
 #include <cstdint>
+#include <deque>
 #include <memory>
 #include <optional>
 #include <string>
+#include <utility>
 
 #include "osape_client/space.h"
 #include "osape_v1.pb.h"
@@ -72,12 +74,32 @@ inline std::optional<Point> vehicle(const osape::v1::PrismsFrame& frame) {
   return Point{at.x(), at.y(), at.z()};
 }
 
+// Refuses the frames of two services that reach one client, as through a proxy: the free space of one vehicle is none of another. A
+// service that starts again takes the place of the one before it. If the one before goes on sending, there are two, and nothing of
+// either is used until only one has been heard for kConflict.
+class Sources {
+ public:
+  static constexpr std::chrono::seconds kConflict{10};
+  // kLate: it waited while its service was replaced; kConflict: two services publish to this address.
+  enum class Verdict { kUsed, kLate, kConflict };
+  Verdict take(const Message& message);
+
+ private:
+  using Source = std::pair<std::string, std::uint64_t>;
+  std::optional<Source> present_;
+  double since_s_ = 0.0;  // when the first message of the present one was sent
+  std::deque<Source> former_;
+  std::optional<Clock::time_point> conflict_;
+};
+
 // Counts of received messages. undecodable: not a frame of this schema version; out_of_order: not newer than an earlier one;
-// last_error: the cause of the last undecodable one.
+// conflicting: not used because two services publish to the address; last_error: the cause of the last undecodable or conflicting
+// one.
 struct ReceiveStats {
   std::int64_t messages = 0;
   std::int64_t undecodable = 0;
   std::int64_t out_of_order = 0;
+  std::int64_t conflicting = 0;
   std::string last_error;
 };
 
@@ -103,6 +125,7 @@ class Subscriber {
   bool is_empty();
   void connect_after_silence();
   bool is_newer(const osape::v1::PrismsFrame& frame) const;
+  void refuse_all();
 
   std::string address_;
   double timeout_s_;
@@ -110,6 +133,7 @@ class Subscriber {
   Clock::time_point empty_;  // when the socket was last seen empty
   Clock::time_point heard_;  // when the last message was received, or the socket was connected again
   Delays delays_;
+  Sources sources_;
   std::optional<Message> newest_;
   ReceiveStats stats_;
 };

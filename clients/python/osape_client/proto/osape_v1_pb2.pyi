@@ -281,16 +281,18 @@ class FrameStats(_message.Message):
     def __init__(self, measured_share: _Optional[float] = ..., unknown_share: _Optional[float] = ..., far_share: _Optional[float] = ..., flying_px: _Optional[int] = ..., ground_px: _Optional[int] = ..., strips: _Optional[int] = ..., dropped_strips: _Optional[int] = ..., clusters: _Optional[int] = ..., planes: _Optional[int] = ..., prisms: _Optional[int] = ..., overflow: _Optional[int] = ..., smeared_px: _Optional[int] = ...) -> None: ...
 
 class Publication(_message.Message):
-    __slots__ = ("boot_id", "number", "age_ns", "suspended_ns")
+    __slots__ = ("boot_id", "number", "age_ns", "suspended_ns", "start_ns")
     BOOT_ID_FIELD_NUMBER: _ClassVar[int]
     NUMBER_FIELD_NUMBER: _ClassVar[int]
     AGE_NS_FIELD_NUMBER: _ClassVar[int]
     SUSPENDED_NS_FIELD_NUMBER: _ClassVar[int]
+    START_NS_FIELD_NUMBER: _ClassVar[int]
     boot_id: str
     number: int
     age_ns: int
     suspended_ns: int
-    def __init__(self, boot_id: _Optional[str] = ..., number: _Optional[int] = ..., age_ns: _Optional[int] = ..., suspended_ns: _Optional[int] = ...) -> None: ...
+    start_ns: int
+    def __init__(self, boot_id: _Optional[str] = ..., number: _Optional[int] = ..., age_ns: _Optional[int] = ..., suspended_ns: _Optional[int] = ..., start_ns: _Optional[int] = ...) -> None: ...
 
 class PrismsFrame(_message.Message):
     __slots__ = ("schema_version", "camera", "sequence", "t_exposure_ns", "frame", "valid", "cause", "cause_text", "planes", "prisms", "free", "ground", "stats", "ke_per_m", "attitude", "pose", "transform", "publication")

@@ -12,7 +12,6 @@ complete again, when no messages come, and while the service has no position, no
 
 from __future__ import annotations
 
-from collections import deque
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import TracebackType
@@ -27,6 +26,7 @@ from ..connect import MOST_WORLD_BYTES, connect
 from ..proto import osape_v1_pb2 as pb
 from ..receive_time import Delays, TimedSocket, age_ns
 from ..run_folder import run_folder
+from ..sources import CONFLICT_TEXT, Sources, Verdict
 from .decode import (
     PLANE_RECORD,
     SCHEMA_VERSION,
@@ -44,21 +44,20 @@ TIMEOUT_S = 1.0
 message five times a second."""
 _REPEAT_NS = NS
 """A request that was not answered within this time is sent again."""
-_FORMER_BOOTS = 16
-"""Largest number of earlier boots of the service's machine that are remembered."""
 
 
 @dataclass(slots=True)
 class MirrorStats:
     """Counts of received messages. gaps: how often a message was missing; out_of_order: already contained in the copy, or of
-    an earlier boot of the service's machine;
-    undecodable: not a message of this schema, or one that does not fit together; last_error: the cause of the last one."""
+    a service that has ended; undecodable: not a message of this schema, or one that does not fit together; conflicting: not used
+    because two services publish to the address; last_error: the cause of the last undecodable or conflicting one."""
 
     messages: int = 0
     snapshots: int = 0
     gaps: int = 0
     out_of_order: int = 0
     undecodable: int = 0
+    conflicting: int = 0
     last_error: str = ""
 
 
@@ -95,7 +94,7 @@ class WorldMirror:
         self._received_ns = 0
         self._delays = Delays()
         self._complete = False
-        self._former_boots: deque[str] = deque(maxlen=_FORMER_BOOTS)
+        self._sources, self._in_conflict = Sources(), False
         self._planes: dict[int, np.void] = {}
         self._blocks: dict[tuple[int, ...], tuple[NDArray[np.uint64], NDArray[np.float32]]] = {}
         self._space: tuple[bool, WorldSpace] | None = None
@@ -139,6 +138,8 @@ class WorldMirror:
         """Why the copy cannot be used, in words; empty when it can."""
         if self._newest is None:
             return "no message was received yet"
+        if self._in_conflict:
+            return CONFLICT_TEXT
         if not self._complete:
             return "a message was missed; a snapshot was requested"
         if not self._newest.valid:
@@ -183,11 +184,18 @@ class WorldMirror:
         ValueError for a message whose parts do not fit together; the copy is unchanged then."""
         records, ground = records_from_message(message), ground_from_message(message)
         blocks, masks = blocks_from_message(message)
-        before, boot = self._newest, message.publication.boot_id
-        if boot in self._former_boots:  # it waited in the other socket meanwhile
+        verdict = self._sources.take(message.publication, message.t_ns, received_ns)
+        self._in_conflict = verdict is Verdict.CONFLICT
+        if verdict is Verdict.CONFLICT:
+            self.stats.conflicting += 1
+            self.stats.last_error = f"{self.address}: {CONFLICT_TEXT}"
+            self._complete = False
+            return
+        if verdict is Verdict.LATE:  # it waited in the other socket meanwhile
             self.stats.out_of_order += 1
             return
-        same = before is not None and before.publication.boot_id == boot
+        before = self._newest
+        same = before is not None and _source_of(before) == _source_of(message)
         newest = before.sequence if before is not None and same else 0
         if same and (message.sequence < newest or (message.sequence == newest and self._complete)):
             self.stats.out_of_order += 1
@@ -207,8 +215,6 @@ class WorldMirror:
             for slot in message.removed:
                 self._planes.pop(slot, None)
             self._put_blocks(list(map(tuple, blocks.tolist())), masks, ground)
-        if before is not None and not same:
-            self._former_boots.append(before.publication.boot_id)
         self.stats.messages += 1
         arrival_ns = self._delays.arrival_ns(message.publication, message.t_ns, received_ns)
         self._newest, self._received_ns, self._space = message, arrival_ns, None
@@ -284,6 +290,11 @@ class WorldMirror:
         ground = np.array([self._blocks[block][1] for block in used], np.float32).reshape(-1, 256, 2)
         t_ns = 0 if self._newest is None else self._newest.t_ns
         return snapshot_from_parts(self.section, records, blocks, masks, ground, t_ns)
+
+
+def _source_of(message: pb.WorldUpdate) -> tuple[str, int]:
+    """The service that has sent it."""
+    return message.publication.boot_id, message.publication.start_ns
 
 
 def _is_empty(mask: NDArray[np.uint64], ground: NDArray[np.float32]) -> bool:
