@@ -31,13 +31,25 @@ double seconds(std::int64_t nanoseconds) { return 1e-9 * static_cast<double>(nan
 double now_s() { return seconds(Clock::now().time_since_epoch()); }
 
 
-// Identifier of this boot of the machine; empty where the system has none.
+// The offsets of the time namespace of this process, as of a container, such as +0.0.100.0; empty: it has none.
+std::string time_offsets() {
+  std::ifstream file("/proc/self/timens_offsets");
+  std::string found;
+  bool shifted = false;
+  for (std::string clock, seconds, nanoseconds; file >> clock >> seconds >> nanoseconds;) {
+    shifted = shifted || seconds != "0" || nanoseconds != "0";
+    found += (found.empty() ? "+" : ".") + seconds + "." + nanoseconds;
+  }
+  return shifted ? found : "";
+}
+
+// Identifier of this boot of the machine and of its time namespace; empty where the system has none.
 const std::string& boot_id() {
   static const std::string id = [] {
     std::string line;
     std::ifstream file("/proc/sys/kernel/random/boot_id");
     std::getline(file, line);
-    return line;
+    return line.empty() ? line : line + time_offsets();
   }();
   return id;
 }
