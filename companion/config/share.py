@@ -21,7 +21,8 @@ class ShareConfig(SharingParams):
     vehicle: int = number(0, 0, 255, "", "own number in the team, unique; 0: the MAVLink system id of the vehicle")
     members: str = text("", "numbers of the vehicles whose packets are accepted, such as 2,3,5; empty: all")
     origin: str = text(
-        "", "latitude, longitude (deg) and altitude (m) of the origin of ned; empty: GPS_GLOBAL_ORIGIN of the autopilot"
+        "",
+        "latitude, longitude (deg) and altitude above mean sea level (m) of the origin of ned; empty: GPS_GLOBAL_ORIGIN of the autopilot",
     )
     tunnel: str = text(
         "", "line for MAVLink TUNNEL messages: autopilot, or an address as in [autopilot] address; empty: none"

@@ -12,6 +12,9 @@ from .records import LocalFrame
 
 Floats = NDArray[np.float64]
 WGS84_A_M, WGS84_F = 6_378_137.0, 1.0 / 298.257_223_563
+SCALE_SIGMA = 0.0035
+"""Half of the greatest error of the scale of a local frame. Autopilots compute it on a sphere: PX4 of 6371.0 km, ArduPilot of 6378.1 km,
+where the radius of curvature is 6335 to 6400 km."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -57,25 +60,16 @@ def placement_by_position(own: LocalFrame, other: LocalFrame, pivot_m: tuple[flo
 
     pivot_m: place in the other frame about which its heading error rotates it: that of the other vehicle, whose
     position is measured."""
-    east_north_up = _enu_of(own) @ (_ecef(other) - _ecef(own))
-    c, s = math.cos(own.yaw_rad), math.sin(own.yaw_rad)
-    north, east, down = east_north_up[1], east_north_up[0], -east_north_up[2]
-    origin = np.array([c * north + s * east, c * east - s * north, down])
-    yaw = math.remainder(other.yaw_rad - own.yaw_rad, math.tau)
-    at_origin = Placement(
-        yaw_rad=yaw,
-        pivot_m=(0.0, 0.0, 0.0),
-        at_m=(float(origin[0]), float(origin[1]), float(origin[2])),
-        sigma_m=0.0,
-        sigma_z_m=0.0,
-        sigma_yaw_rad=0.0,
-    )
-    x, y, z = at_origin.points(np.array([pivot_m]))[0].tolist()
+    own_axes, other_axes = _axes_of(own), _axes_of(other)
+    apart = _ecef(other) - _ecef(own)
+    x, y, _ = own_axes @ (apart + other_axes.T @ np.array([*pivot_m[:2], 0.0]))
+    turned = own_axes @ other_axes.T
     return Placement(
-        yaw_rad=yaw,
+        yaw_rad=math.atan2(turned[1, 0] - turned[0, 1], turned[0, 0] + turned[1, 1]),
         pivot_m=pivot_m,
-        at_m=(x, y, z),
-        sigma_m=math.hypot(own.sigma_m, other.sigma_m),
+        # heights are differences of altitudes, over the curved Earth
+        at_m=(float(x), float(y), pivot_m[2] + own.altitude_m - other.altitude_m),
+        sigma_m=math.hypot(own.sigma_m, other.sigma_m, SCALE_SIGMA * float(np.linalg.norm(apart))),
         sigma_z_m=math.hypot(own.sigma_z_m, other.sigma_z_m),
         sigma_yaw_rad=math.hypot(own.sigma_yaw_rad, other.sigma_yaw_rad),
     )
@@ -92,8 +86,10 @@ def _ecef(frame: LocalFrame) -> Floats:
     )
 
 
-def _enu_of(frame: LocalFrame) -> Floats:
-    """(3, 3) rotation from earth-centred axes to east, north, up at the origin."""
+def _axes_of(frame: LocalFrame) -> Floats:
+    """(3, 3) rotation from earth-centred axes to those of the frame at its origin."""
     lat, lon = math.radians(frame.latitude_deg), math.radians(frame.longitude_deg)
     sa, ca, so, co = math.sin(lat), math.cos(lat), math.sin(lon), math.cos(lon)
-    return np.array([[-so, co, 0.0], [-sa * co, -sa * so, ca], [ca * co, ca * so, sa]])
+    north, east, up = np.array([[-sa * co, -sa * so, ca], [-so, co, 0.0], [ca * co, ca * so, sa]])
+    c, s = math.cos(frame.yaw_rad), math.sin(frame.yaw_rad)
+    return np.array([c * north + s * east, c * east - s * north, -up])

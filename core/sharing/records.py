@@ -80,7 +80,7 @@ class SharedMover:
 class LocalFrame:
     """The local frame of a vehicle."""
 
-    latitude_deg: float  # latitude_deg, longitude_deg, altitude_m: its origin, WGS-84
+    latitude_deg: float  # latitude_deg, longitude_deg: its origin, WGS-84; altitude_m: of all vehicles by one datum
     longitude_deg: float
     altitude_m: float
     yaw_rad: float = 0.0  # direction of its x axis, clockwise from true north
