@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from collections import deque
 from dataclasses import dataclass
 
 NS = 1_000_000_000
 WINDOW_S = 10.0
+WINDOW_NS = 10 * NS
+OWN_BYTES = 60
+"""Of a window, kept for the own state and motion, which are sent without asking for room."""
 BURST_S = 0.6
 """The budget of this time may be sent at once."""
 RESERVE = 0.5
@@ -23,24 +27,32 @@ class Budget:
 
 
 class SentBytes:
-    """Bytes that were sent: a token bucket. In no window of WINDOW_S more than the budget is sent."""
+    """Bytes that were sent: a token bucket, and the sum of the last WINDOW_S. In no window of WINDOW_S more than the budget is
+    sent."""
 
     def __init__(self, budget: Budget, begun_ns: int) -> None:
         packet_bytes = budget.packet_bytes + budget.overhead_bytes
+        self._bytes_per_s = budget.bytes_per_s
         self._most = max(BURST_S * budget.bytes_per_s, 1.25 * packet_bytes)
         self._reserve = min(RESERVE * self._most, 0.25 * packet_bytes)
-        self._fill_bytes_per_s = max(0.5 * budget.bytes_per_s, budget.bytes_per_s - self._most / WINDOW_S)
         self._tokens, self._now_ns = self._most, begun_ns
+        self._left_bytes = WINDOW_S * budget.bytes_per_s - OWN_BYTES
+        self._recent: deque[tuple[int, int]] = deque()
 
     def follow(self, now_ns: int) -> None:
         """Follows the clock."""
-        gained = self._fill_bytes_per_s * max(0, now_ns - self._now_ns) / NS
+        gained = self._bytes_per_s * max(0, now_ns - self._now_ns) / NS
         self._tokens, self._now_ns = min(self._most, self._tokens + gained), now_ns
+        while self._recent and self._recent[0][0] <= now_ns - WINDOW_NS:
+            self._left_bytes += self._recent.popleft()[1]
 
     def add(self, size: int) -> None:
         """Records what was sent."""
         self._tokens -= size
+        self._left_bytes -= size
+        self._recent.append((self._now_ns, size))
 
     def room(self, *, urgent: bool) -> int:
         """Returns the number of bytes of planes or moving obstacles that may be sent now. urgent: new ones."""
-        return int(self._tokens if urgent else self._tokens - self._reserve)
+        room = min(self._tokens, self._left_bytes)
+        return int(room if urgent else room - self._reserve)

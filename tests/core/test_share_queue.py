@@ -66,6 +66,18 @@ def test_the_budget_holds(count: int) -> None:
     assert queue.unencodable == 0
 
 
+def test_the_budget_is_used_and_held_in_every_window() -> None:
+    """More is new than can be sent. A token bucket alone leaves a fifteenth of the budget unused."""
+    queue, sent = SendQueue(1, 5, 0, THIN), []
+    for k in range(600):
+        before = queue.sent_bytes
+        queue.packets(offer(walls(100, begin=50 * (k // 10))), k * STEP_NS)
+        sent.append(queue.sent_bytes - before)
+    windows = [sum(sent[k : k + 100]) for k in range(500)]
+    assert max(windows) <= 3000
+    assert sum(windows[100:]) / len(windows[100:]) >= 0.95 * 3000
+
+
 def test_few_planes_in_rest_need_little() -> None:
     queue = SendQueue(1, 5, 0, THIN)
     given = offer(walls(20))
