@@ -81,7 +81,7 @@ class Recorder:
         self._folder, self._run_info, self._params = folder, run, params or RecordParams()
         self._drawn = output or OutputConfig()
         self._queue: RecordQueue[_Item] = RecordQueue(self._params.queue_items, self._params.queue_mb * 1e6)
-        self._accepting = self._started_once = False
+        self._accepting = self._started_once = self._begin_waits = False
         self._start_wanted, self._not_before_ns = True, 0
         self._status = RecordStatus(alive_ns=time.monotonic_ns())
         self._dropped = 0
@@ -136,7 +136,7 @@ class Recorder:
         """Begins a new file with this state. idle: the vehicle is disarmed; the budget deletes such files first."""
         with self._queue.lock:
             self._started_once = True
-            self._accepting = self._append(Begin(t_ns, tuple(cameras), state, idle), _SMALL)
+            self._accepting = self._begin_waits = self._append(Begin(t_ns, tuple(cameras), state, idle), _SMALL)
             self._start_wanted = not self._accepting
 
     def end(self) -> None:
@@ -265,6 +265,8 @@ class Recorder:
             current.keep_free(size)
             for item in items:
                 if isinstance(item, Begin):
+                    with self._queue.lock:
+                        self._begin_waits = False
                     current.begin(item)
                     fault = ""
                 elif item is None:
@@ -285,7 +287,7 @@ class Recorder:
 
     def _update_status(self, current: CurrentLog, fault: str) -> None:
         with self._queue.lock:
-            if current.wants_successor and self._accepting:
+            if current.wants_successor and self._accepting and not self._begin_waits:
                 self._start_wanted = True
             self._status = RecordStatus(
                 recording=current.path is not None,

@@ -32,7 +32,7 @@ from core.types import AttitudeSample, DepthFrame
 from drivers.logs.reader import McapRecording
 from tests.waiting import until
 
-from ..recorded import PROMPT, SMALL, A, flight, recorded, run_through
+from ..recorded import PROMPT, SMALL, A, events_of, flight, recorded, run_through
 
 pytestmark = pytest.mark.process
 CHECK = "check the disk, its mount and the rights of the directory"
@@ -116,6 +116,26 @@ def test_each_file_of_a_rotated_flight_replays_by_itself(tmp_path: Path) -> None
         assert result.comparison.compared > 0 or log is logs[-1]  # the last one may begin after the last frame
         frames += result.comparison.compared
     assert frames >= 55
+
+
+def test_a_file_that_waits_to_be_begun_is_not_asked_for_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A disk that was slow while the next file was asked for: the file after it began at once, and it held nothing."""
+    writes = threading.Event()
+    writes.set()
+    monkeypatch.setattr(log_current.CurrentLog, "sync", lambda log: writes.wait(60.0))
+    monkeypatch.setattr(log_current.CurrentLog, "wants_successor", property(lambda log: log.files < 2))
+    recorder = Recorder(tmp_path, run_info("live"), SMALL)
+    recorder.open()
+    recorder.begin(0, flight().cameras, PipelineState())
+    assert until(lambda: recorder.wants_begin)
+    writes.clear()
+    recorder.event(next(e for e in events_of(1.0) if isinstance(e, AttitudeSample)))
+    assert until(lambda: recorder.status.queued == 0)
+    recorder.begin(1, flight().cameras, PipelineState())
+    writes.set()
+    assert until(lambda: recorder.status.files == 2)
+    assert not recorder.wants_begin
+    recorder.close()
 
 
 def test_what_is_held_is_handed_over_at_the_end_and_counts_before(tmp_path: Path) -> None:
