@@ -126,6 +126,7 @@ def run(args: argparse.Namespace) -> int:
     stop = stop_event()
     end = other_end(address)
     autopilot = simulated(flight, args.kind, armed=args.armed, drift_ppm=args.drift_ppm)
+    autopilot.keeps_messages = False
     autopilot.parameters.update(PARAMETERS[args.kind])
     with AutopilotLink(autopilot, end, Faults(jitter_s=args.jitter_ms / 1000.0)):
         link = _link(address, end)

@@ -56,7 +56,8 @@ class SimulatedAutopilot:
     numbers, here ints, in the bytes of the float). received: accepted messages, newest last; dropped: messages whose signature
     was refused; obstacles: the model of the firmware's map of OBSTACLE_DISTANCE, which is sent back on request;
     obstacle_times_ns: arrival of each; layers, heights: the same for points and for distances up and down. ignores_obstacles:
-    these messages have no effect; sends_nothing: it receives only. silent: the link passes nothing to it, and it sends nothing."""
+    these messages have no effect; sends_nothing: it receives only. silent: the link passes nothing to it, and it sends nothing.
+    keeps_messages: False: `received`, `dropped` and `obstacle_times_ns` stay empty, as for a long run."""
 
     def __init__(self, profile: FirmwareProfile | None = None) -> None:
         self.profile = profile or FirmwareProfile()
@@ -70,6 +71,7 @@ class SimulatedAutopilot:
         self.heights = ArduPilotHeights()
         self.stubborn: set[str] = set()
         self.silent = self.ignores_obstacles = self.sends_nothing = False
+        self.keeps_messages = True
         self._next_ns: dict[int, int] = {}
         self._flight = TimedFlight(self.profile.flight)
         self._moved: tuple[int | None, VehicleState] = (None, hovering(0))
@@ -110,10 +112,11 @@ class SimulatedAutopilot:
     def receive(self, data: bytes, now_ns: int) -> None:
         """Handles bytes that the companion sent."""
         for message in self._splitter.feed(data):
-            if not self._takes(message):
-                self.dropped.append(message)
+            taken = self._takes(message)
+            if self.keeps_messages:
+                (self.received if taken else self.dropped).append(message)
+            if not taken:
                 continue
-            self.received.append(message)
             receive = _RECEIVERS.get(message.get_type())
             if receive is not None:
                 receive(self, message, now_ns)
@@ -157,7 +160,8 @@ class SimulatedAutopilot:
             self._intervals[number] = float(message.req_message_rate)
 
     def _obstacle_distance(self, message: Any, now_ns: int) -> None:
-        self.obstacle_times_ns.append(now_ns)
+        if self.keeps_messages:
+            self.obstacle_times_ns.append(now_ns)
         if not self.ignores_obstacles:
             self.obstacles.read(message, now_ns)
 

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import socket
 import time
+import tracemalloc
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
 
 import pytest
 
+from drivers.mavlink.dialect import dialect
 from drivers.mavlink.parser import MessageSplitter
 from drivers.simulation import autopilot_link as line_module
 from drivers.simulation.autopilot import ARDUPILOT, PX4, SimulatedAutopilot
@@ -118,3 +120,25 @@ def test_a_change_is_acted_on_at_once_and_may_come_after_the_end(monkeypatch: py
         assert not line._thread.is_alive()
         assert line.change(lambda autopilot: autopilot.silent) is False
         line.close()
+
+
+def test_without_messages_kept_for_tests_its_memory_does_not_grow() -> None:
+    """`companion simulate-autopilot` kept each message that it received: 200 MB an hour."""
+    autopilot, companion = SimulatedAutopilot(), dialect.MAVLink(None, 1, 196)
+    autopilot.keeps_messages = False
+    message = dialect.MAVLink_obstacle_distance_message(0, 0, [500] * 72, 5, 20, 1200)
+
+    def receive(count: int) -> None:
+        for k in range(count):
+            autopilot.receive(message.pack(companion), k * 66 * MS)
+            autopilot.due(k * 66 * MS)
+
+    receive(100)
+    tracemalloc.start()
+    try:
+        receive(100)
+        before = tracemalloc.get_traced_memory()[0]
+        receive(1000)
+        assert tracemalloc.get_traced_memory()[0] - before < 20_000
+    finally:
+        tracemalloc.stop()
