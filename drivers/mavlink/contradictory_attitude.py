@@ -13,7 +13,8 @@ from typing import Final
 
 NS: Final = 1_000_000_000
 KEPT_NS: Final = 2 * NS
-"""Attitudes are kept for this time before the newest one: refused are stamps that are a second back."""
+"""Attitudes are kept for this time before the newest one, by stamp and by arrival: refused are stamps that are a second back, and of
+a kind that arrives no longer what is kept may be of the boot before."""
 APART_NS: Final = NS // 8
 """Attitudes that are further apart are not compared: a vehicle tilts by tens of degrees and back to its rates. Those of two vehicles
 with 4 each per second are closer."""
@@ -42,13 +43,16 @@ class ContradictoryAttitude:
         self._stamps: list[int] = []
         self._attitudes: list[tuple[Quaternion, Vector | None]] = []
         self._contradictions: deque[int] = deque(maxlen=FEWEST)  # arrivals
+        self._arrived_ns = 0  # the newest one
         self._until_ns = 0
 
     def take(self, boot_ns: int, arrival_ns: int, q_ned_frd_wxyz: Quaternion, rates_rad_s: Vector | None) -> None:
         """Takes an attitude. boot_ns: its timestamp; q_ned_frd_wxyz: of length 1."""
-        if self._stamps and boot_ns < self._stamps[-1] - KEPT_NS:  # the autopilot has rebooted
+        rebooted = bool(self._stamps) and boot_ns < self._stamps[-1] - KEPT_NS
+        if rebooted or arrival_ns - self._arrived_ns > KEPT_NS:
             self._stamps.clear()
             self._attitudes.clear()
+        self._arrived_ns = arrival_ns
         at = bisect_left(self._stamps, boot_ns)
         new = (q_ned_frd_wxyz, rates_rad_s)
         beside = range(max(0, at - 1), min(at + 1, len(self._stamps)))

@@ -165,3 +165,14 @@ def test_a_reboot_is_no_second_vehicle() -> None:
         for k in range(300):
             found.take(start_ns + k * 10 * MS, k * 10 * MS, quaternion_from_euler(roll, 0.0, 0.0), (0.0, 0.0, 0.0))
             assert not found.found(k * 10 * MS)
+
+
+def test_a_second_reboot_is_no_second_vehicle() -> None:
+    """ATTITUDE is decoded only until ATTITUDE_QUATERNION arrives. Those after the second boot were compared with those after the first
+    one, since their stamps are as near."""
+    found = ContradictoryAttitude()
+    for boot, heading_rad in ((0, 0.0), (60, 2.0)):
+        for k in range(20):
+            arrival_ns = boot * NS + k * 20 * MS
+            found.take(NS + k * 20 * MS, arrival_ns, quaternion_from_euler(0.0, 0.0, heading_rad), None)
+            assert not found.found(arrival_ns), (boot, k)
