@@ -65,15 +65,13 @@ def transform_messages(result: PrismsResult, info: CameraInfo) -> tuple[FrameTra
     if result.attitude is None:
         return ()
     q_ned_level, q_level_frd = split_heading(result.attitude.q_ned_frd_wxyz)
-    m = info.mount
-    q_frd_optical = product(quaternion_from_euler(m.roll_rad, m.pitch_rad, m.yaw_rad), Q_CAMFRD_OPTICAL)
     position_m = result.pose.position_ned_m if result.pose is not None else (0.0, 0.0, 0.0)
     here = (0.0, 0.0, 0.0)
     tree: tuple[tuple[str, str, tuple[float, float, float], Wxyz], ...] = (
         ("up", "ned", here, _Q_UP_NED),
         ("ned", "level", position_m, q_ned_level),
         ("level", "frd", here, q_level_frd),
-        ("frd", optical_frame(info.camera), (m.x_m, m.y_m, m.z_m), q_frd_optical),
+        ("frd", optical_frame(info.camera), *mount_transform(info)),
     )
     return tuple(
         FrameTransform(
@@ -85,6 +83,12 @@ def transform_messages(result: PrismsResult, info: CameraInfo) -> tuple[FrameTra
         )
         for parent, child, t, q in tree
     )
+
+
+def mount_transform(info: CameraInfo) -> tuple[tuple[float, float, float], Wxyz]:
+    """(translation in m, rotation) of the camera's optical frame in frd."""
+    m = info.mount
+    return (m.x_m, m.y_m, m.z_m), product(quaternion_from_euler(m.roll_rad, m.pitch_rad, m.yaw_rad), Q_CAMFRD_OPTICAL)
 
 
 def _pose() -> Pose:

@@ -16,6 +16,7 @@ from ..config.obstacle_range import obstacle_range_m
 from ..console import counted, fail, first_damages, print_json, print_line
 from ..pipeline.sync import DropCause
 from .log_content import NS, LogInfo, TopicInfo, read_log_info
+from .recovered_text import recovered_texts
 
 _LISTED: Final = 40
 _MIN_GAP_NS: Final = 150_000_000
@@ -50,6 +51,8 @@ def as_json(info: LogInfo) -> dict[str, Any]:
         "prisms": {"valid": info.valid, "invalid": dict(sorted(info.invalid.items()))},
         "texts": {code: _text(code) for code in sorted({*info.decisions, *info.invalid} - {"used"})},
         "damage": [*info.damages, *info.undecodable],
+        "lost": info.lost,
+        "descriptions_from": info.borrowed,
     }
 
 
@@ -93,6 +96,8 @@ def print_info(info: LogInfo) -> None:
         print_line(f"made by {info.run.software} ({info.run.source or 'unknown source'})")
     if info.topics and not info.ours:
         print_line("not a log of this software: none of its topics is known")
+    for text in recovered_texts(info.lost, info.borrowed):
+        print_line(f"warning: {text}")
     for camera in info.cameras:
         print_line(_camera_line(camera))
     listed = list(info.topics.values())[:_LISTED]

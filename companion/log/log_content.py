@@ -10,10 +10,11 @@ from statistics import median
 from typing import Final
 
 from google.protobuf.message import DecodeError
+from mcap.records import Metadata
 
 from core.types import CameraInfo
 from drivers.logs.codec import camera_from_message
-from drivers.logs.reader import open_scan, our_channel
+from drivers.logs.reader import borrowed_from, lost_places, open_scan, our_channel
 from drivers.logs.record_scanner import Damage, Logged
 from osape_client.decode import cause_code
 from osape_client.proto import osape_v1_pb2 as pb
@@ -76,6 +77,8 @@ class LogInfo:
     valid: int = 0
     invalid: Counter[str] = field(default_factory=Counter)
     damages: list[str] = field(default_factory=list)
+    lost: list[str] = field(default_factory=list)  # places that a recovered log lacks
+    borrowed: dict[str, str] = field(default_factory=dict)  # topic -> the log from which its description was taken
 
     @property
     def ours(self) -> bool:
@@ -109,6 +112,9 @@ def read_log_info(path: Path) -> LogInfo:
                 info.damages.append(f"byte {item.offset}: {item.cause}")
             elif isinstance(item, Logged):
                 _take(info, item)
+            elif isinstance(item, Metadata):
+                info.lost += lost_places(item)
+                info.borrowed |= borrowed_from(item)
     finally:
         scan.close()
     return info

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import os
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -13,14 +12,14 @@ from mcap.records import Attachment, Channel, Metadata, Schema
 from mcap.writer import Writer
 
 from drivers.base import BadData
-from drivers.logs.reader import LOST, open_scan
+from drivers.logs.reader import BORROWED, LOST, open_scan
 from drivers.logs.record_scanner import Damage, Item, Logged
 from drivers.logs.written import seems_written
 
 from ..common_options import add_replace
 from ..console import counted, first_damages, print_json, print_line
 from ..usage_error import UsageError
-from .descriptions import lost_descriptions
+from .descriptions import Descriptions, lost_descriptions
 from .log_file import (
     ACTIVE,
     RECOVERED,
@@ -56,7 +55,7 @@ def recover(
             f"{path}: a process is writing it, and completes it at its end; `companion replay` reads it as it is"
         )
     refuse_target(target, replace=replace)
-    return copy_readable(path, target, lost_descriptions(path, cameras_from) if cameras_from is not None else ())
+    return copy_readable(path, target, lost_descriptions(path, cameras_from) if cameras_from is not None else None)
 
 
 def default_output(path: Path) -> Path:
@@ -66,9 +65,9 @@ def default_output(path: Path) -> Path:
     return path.with_name(path.stem + RECOVERED)
 
 
-def copy_readable(path: Path, target: Path, first: Sequence[Logged] = ()) -> RecoverResult:
+def copy_readable(path: Path, target: Path, first: Descriptions | None = None) -> RecoverResult:
     """Copies message by message, and replaces the target by the copy when it contains a message and the original is
-    damaged, or the copy has more. first: messages to begin with. Raises as `recover`, and FileInUseError where another process
+    damaged, or the copy has more. first: to begin with; the copy states where they are from. Raises as `recover`, and FileInUseError where another process
     makes this copy."""
     result = RecoverResult(target)
     scan = open_scan(path)
@@ -77,16 +76,15 @@ def copy_readable(path: Path, target: Path, first: Sequence[Logged] = ()) -> Rec
     try:
         stream = open_locked(active, replace=True)
         writer = start_writer(stream)
-        borrowed = _Copy(writer)
-        for message in first:
-            borrowed.take(message, RecoverResult(target))
+        if first is not None:
+            _begin_with(writer, first)
         copy = _Copy(writer)
         for item in scan.items():
             copy.take(item, result)
         if result.messages == 0:
             cause = f" (byte {result.damages[0].offset}: {result.damages[0].cause})" if result.damages else ""
             raise BadData(f"{path}: no message is readable{cause}; nothing was written. Use another copy of the file")
-        if result.damages or first:
+        if result.damages or first is not None:
             finish_file(writer, stream, active, target)
         else:
             result.output = None
@@ -96,6 +94,13 @@ def copy_readable(path: Path, target: Path, first: Sequence[Logged] = ()) -> Rec
             active.unlink(missing_ok=True)  # before the lock ends: it is the copy of this process
             stream.close()
     return result
+
+
+def _begin_with(writer: Any, first: Descriptions) -> None:
+    writer.add_metadata(BORROWED, first.origins)
+    copy = _Copy(writer)
+    for message in first.messages:
+        copy.take(message, RecoverResult(None))
 
 
 class _Copy:

@@ -115,7 +115,7 @@ def replay(
                 on_progress(source.share_read)
         except BadData as error:
             result.damage = str(error)
-        result.lost = source.lost
+        result.lost, result.borrowed = source.lost, source.borrowed
         if log is not None and not result.counts.frames:
             log.discard()
             result.unwritten = log.path

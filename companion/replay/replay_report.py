@@ -12,6 +12,7 @@ from drivers.shell_word import shell_word
 
 from ..config.service import RecordParams
 from ..console import counted, print_line
+from ..log.recovered_text import recovered_texts
 from ..pipeline.pipeline import UNPUBLISHED_DROPS
 from ..pipeline.results import FrameDecision
 from ..pipeline.sync import DropCause
@@ -39,6 +40,8 @@ class Replay:
     obstacle_range_m: dict[str, float] = field(default_factory=dict)
     mask_faults: list[str] = field(default_factory=list)  # cameras with a mask outside of the image, as text
     lost: list[str] = field(default_factory=list)  # what a recovered log lacks, as text
+    # of a recovered log: topic -> the log from which its description was taken
+    borrowed: dict[str, str] = field(default_factory=dict)
     depth_note: str = ""  # what the check cannot compare, of a log that was recorded without all depth images
 
 
@@ -52,14 +55,6 @@ def depth_note(record: RecordParams) -> str:
             "be computed again; the others begin with their recorded state and are compared completely"
         )
     return ""
-
-
-def lost_text(lost: list[str]) -> str:
-    """What a recovered log lacks, and what follows."""
-    return (
-        f"the log was recovered from a damaged file; {counted(len(lost), 'place')} could not be read, the first: {lost[0]}. The "
-        "results of the frames after it may differ from those in flight"
-    )
 
 
 def replay_problems(result: Replay) -> list[str]:
@@ -147,6 +142,7 @@ def report(result: Replay, path: Path, output: Path | None, problems: list[str])
         "exposure_offsets": [_offset_json(offset, result) for offset in result.exposure_offsets],
         "check": check,
         "lost": result.lost,
+        "descriptions_from": result.borrowed,
         "problems": problems,
     }
 
@@ -182,8 +178,8 @@ def print_report(result: Replay, output: Path | None) -> None:
         print_line(f"samples: {listed}")
     for advice in result.counts.advice():
         print_line(f"warning: {advice.text}")
-    if result.lost:
-        print_line(f"warning: {lost_text(result.lost)}")
+    for text in recovered_texts(result.lost, result.borrowed):
+        print_line(f"warning: {text}")
     _print_check(result)
     if output is not None:
         print_line(f"written: {output}")

@@ -35,6 +35,8 @@ _ROS2_DEPTH: Final = ("sensor_msgs/msg/Image", "sensor_msgs/Image")
 _LISTED: Final = 4
 LOST: Final = "osape lost"
 """Name of the metadata that state what a recovered log has lost: places in the damaged file and causes."""
+BORROWED: Final = "osape taken from another log"
+"""Name of the metadata that state which descriptions of a recovered log are from another one: topic and path of that log."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,14 +72,15 @@ class McapRecording:
     """A log of this software. The constructor raises DriverError: file missing, not MCAP, of another software, without
     depth.
 
-    `run`: provenance of the log; `snapshot`: the state at its beginning; None: not in the log. `lost`: after a pass, what a
-    recovered log lacks."""
+    `run`: provenance of the log; `snapshot`: the state at its beginning; None: not in the log. After a pass, of a
+    recovered log: `lost`: what it lacks; `borrowed`: topic -> the log from which its description was taken."""
 
     def __init__(self, path: Path | str) -> None:
         self.path = Path(path)
         self.run: pb.RunInfo | None = None
         self.snapshot: pb.StateSnapshot | None = None
         self.lost: list[str] = []
+        self.borrowed: dict[str, str] = {}
         self._infos: dict[str, CameraInfo] = {}
         self._scan: McapScan | None = None
         self.share_read = 0.0
@@ -144,14 +147,15 @@ class McapRecording:
     def _messages(self, keys: tuple[str, ...], rejected: list[str]) -> Iterator[LoggedMessage]:
         self.close()
         scan = self._scan = open_scan(self.path)
-        self.lost = []
+        self.lost, self.borrowed = [], {}
         ours: dict[int, tuple[str, str] | None] = {}
         for item in scan.items():
             self.share_read = scan.share_read
             if isinstance(item, Damage):
                 raise BadData(damage_text(self.path, item))
-            if isinstance(item, Metadata) and item.name == LOST:
-                self.lost += [f"byte {offset}: {cause}" for offset, cause in item.metadata.items()]
+            if isinstance(item, Metadata):
+                self.lost += lost_places(item)
+                self.borrowed |= borrowed_from(item)
             if not isinstance(item, Logged):
                 continue
             if item.channel.id not in ours:
@@ -259,6 +263,16 @@ def our_channel(channel: Channel, schema: Schema | None) -> tuple[str, str] | No
     if schema is None or channel.message_encoding != ENCODING:
         return None
     return find_topic(channel.topic, schema.name)
+
+
+def lost_places(item: Metadata) -> list[str]:
+    """The places of the damaged file that a recovered log lacks, with their causes, as text; none for other metadata."""
+    return [f"byte {offset}: {cause}" for offset, cause in item.metadata.items()] if item.name == LOST else []
+
+
+def borrowed_from(item: Metadata) -> dict[str, str]:
+    """Topic -> the log from which `companion recover` took its description; none for other metadata."""
+    return item.metadata if item.name == BORROWED else {}
 
 
 def damage_text(path: Path, damage: Damage) -> str:

@@ -121,6 +121,60 @@ def test_a_log_of_other_cameras_has_no_description_to_take(chunked, tmp_path, ca
     assert f"{other}: has no /camera/front/info" in capsys.readouterr().err
 
 
+@pytest.fixture
+def without_cameras(chunked, tmp_path) -> Path:
+    """A log that has lost the descriptions of its cameras at both ends."""
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(chunked.read_bytes()[: chunked.stat().st_size * 2 // 3])
+    return with_damaged_chunk(cut, tmp_path / "bad.mcap", 0)
+
+
+@pytest.mark.parametrize(
+    ("other_camera", "text"),
+    [
+        (replace(SMALL, mount=replace(SMALL.mount, yaw_rad=SMALL.mount.yaw_rad + 0.01)), "another mount than /tf"),
+        (replace(SMALL, mount=replace(SMALL.mount, x_m=SMALL.mount.x_m + 0.01)), "another mount than /tf"),
+        (
+            replace(SMALL, intrinsics=replace(SMALL.intrinsics, width=2 * SMALL.intrinsics.width)),
+            f"and these have {SMALL.intrinsics.width}x{SMALL.intrinsics.height}",
+        ),
+    ],
+)
+def test_the_description_of_another_set_up_is_refused(without_cameras, tmp_path, capsys, other_camera, text):
+    """A wrong mount or size puts obstacles and free space at a wrong place."""
+    other = tmp_path / "other.mcap"
+    with LogWriter(other) as log:
+        log.begin(run_info("simulated"), (other_camera,))
+    assert main(["recover", str(without_cameras), "--cameras-from", str(other)]) == 2
+    error = capsys.readouterr().err
+    assert f"{other}: /camera/front/info" in error
+    assert text in error
+    assert not (tmp_path / "bad.recovered.mcap").exists()
+
+
+def test_a_log_states_from_which_other_its_descriptions_are(without_cameras, chunked, tmp_path, capsys):
+    assert main(["recover", str(without_cameras), "--cameras-from", str(chunked)]) == 0
+    once = tmp_path / "bad.recovered.mcap"
+    (tmp_path / "twice.mcap").write_bytes(once.read_bytes()[:-100])
+    assert main(["recover", str(tmp_path / "twice.mcap")]) == 0
+    origins = {topic: str(chunked) for topic in ("/run", "/camera/front/info")}
+    for log in (once, tmp_path / "twice.recovered.mcap"):
+        capsys.readouterr()
+        for command in ("info", "replay"):
+            main([command, str(log)])
+            assert f"/run, /camera/front/info are from another log ({chunked})" in capsys.readouterr().out
+            main([command, "--json", str(log)])
+            assert json.loads(capsys.readouterr().out)["descriptions_from"] == origins
+
+
+def test_other_logs_have_no_description_of_another(chunked, tmp_path, capsys):
+    recovered = recover(with_damaged_chunk(chunked, tmp_path / "bad.mcap", 2)).output
+    for log in (chunked, recovered):
+        for command in ("info", "replay"):
+            main([command, "--json", str(log)])
+            assert json.loads(capsys.readouterr().out)["descriptions_from"] == {}
+
+
 def test_a_log_that_is_being_written_is_no_damage(chunked, tmp_path, capsys):
     """The remedy was `companion recover`, which refuses a log that is being written."""
     with open_locked(tmp_path / "flight.mcap.active", replace=False) as stream:
