@@ -18,6 +18,7 @@ from .events import NS, FlightEvents, FrameSummary
 from .flights import Flight
 from .frame_rows import FrameRows, plane_rows, result_columns, text_hash
 from .parquet_table import TableFile
+from .same_run import SameRun
 from .schema import TABLES
 
 _HEALTH_GAP_NS: Final = 3 * NS
@@ -38,6 +39,7 @@ class FlightTables:
         self._rows = FrameRows()
         self._events = FlightEvents(near_m)
         self._file = 0
+        self._same_run = SameRun()
         self._armed: bool | None = None
         self._health_ns: int | None = None
         self._publish_ms: float | None = None
@@ -63,6 +65,7 @@ class FlightTables:
 
     def begin(self, source: McapRecording, config: Config) -> None:
         """config: the configuration in use."""
+        self._same_run.begin_file(source)
         self._config_hash = text_hash(config_text(config))
         recorded = readable_recorded_config(source) or Config()
         if source.run is not None:
@@ -87,6 +90,7 @@ class FlightTables:
             return
         known = {"file": self._file, "armed": self._armed, "publish_latency_ms": self._publish_ms}
         row = known | result_columns(output)
+        self._same_run.frame(output.t_exposure_ns)
         self._count(row)
         summary = FrameSummary(
             camera=output.camera,
@@ -107,6 +111,8 @@ class FlightTables:
         self._add("frames", self._rows.end_file())
         if damage:
             self.damage.append(damage)
+        if difference := self._same_run.end_file():
+            self.damage.append(f"{self._flight.files[self._file].location}: {difference}")
         self._unread_files += unread
 
     def finish(self) -> None:

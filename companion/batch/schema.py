@@ -79,7 +79,7 @@ TABLES: Final[dict[str, tuple[ColumnType, ...]]] = {
         without_depth int64 results in the log without a depth image
         skipped_live int64 frames that the live run skipped; they are not computed
         events int64 number of events
-        damage string damaged or unreadable files, with the position; null: none
+        damage string damaged or unreadable files, with the position; recovered files with what they lack, and files of another run; null: none
         unread_files int32 files of which nothing can be read; the results lack them
         """),
     "events": _columns("""

@@ -18,6 +18,7 @@ from ..kernels.compilation import WarmupError
 from ..kernels.warmup import ensure_compiled
 from ..log.log_file import ACTIVE
 from ..log.provenance import software
+from ..log.recovered_text import recovered_texts
 from ..replay.replay import Options, replay
 from .dataset import publish_flight, temporary_folder
 from .flight_tables import FlightTables
@@ -87,7 +88,7 @@ def _warm_up() -> None:
 
 
 def _replay(path: Path, output: Path | None, config: Config | None, tables: FlightTables) -> str | None:
-    """Replays a file; returns its damage, None: none. Raises _NothingReadError."""
+    """Replays a file; returns its damage and what it has lost before a recovery, None: nothing. Raises _NothingReadError."""
     try:
         done = replay(path, Options(output=output, config=config, depth=False, as_live=True), observer=tables)
     except BadData as error:
@@ -96,4 +97,5 @@ def _replay(path: Path, output: Path | None, config: Config | None, tables: Flig
         if config is not None:
             raise
         raise _NothingReadError(str(error)) from error  # the configuration in the log
-    return done.damage
+    recovered = [f"{path}: {text}" for text in recovered_texts(done.lost, done.borrowed)]
+    return "; ".join([done.damage, *recovered] if done.damage else recovered) or None

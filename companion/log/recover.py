@@ -22,6 +22,7 @@ from ..usage_error import UsageError
 from .descriptions import Descriptions, lost_descriptions
 from .log_file import (
     ACTIVE,
+    DAMAGED,
     RECOVERED,
     RECOVERING,
     finish_file,
@@ -59,10 +60,10 @@ def recover(
 
 
 def default_output(path: Path) -> Path:
-    """FILE.mcap for FILE.mcap.active, otherwise FILE.recovered.mcap."""
+    """FILE.mcap for FILE.mcap.active, otherwise FILE.recovered.mcap, also for FILE.mcap.damaged."""
     if path.name.endswith(ACTIVE):
         return path.with_name(path.name.removesuffix(ACTIVE))
-    return path.with_name(path.stem + RECOVERED)
+    return path.with_name(path.name.removesuffix(DAMAGED).removesuffix(".mcap") + RECOVERED)
 
 
 def copy_readable(path: Path, target: Path, first: Descriptions | None = None) -> RecoverResult:

@@ -26,13 +26,17 @@ from companion.batch.schema import TABLES
 from companion.batch.task import run_task
 from companion.cli import main
 from companion.config.loader import Config
+from companion.log.log_writer import LogWriter
 from companion.log.provenance import software
+from companion.log.recover import recover
 from core.params import Params
-from drivers.base import BadData, DeviceNotFound
+from core.types import CameraInfo, DepthFrame
+from drivers.base import BadData, DeviceNotFound, Event
 from drivers.logs.reader import McapRecording
 
-from ..fleet import flight_events, write_fleet, write_parts
+from ..fleet import NS, SMALL, flight_events, write_fleet, write_parts
 from ..replay.test_replay import log_of_a_newer_version
+from ..replay.test_replay_recovered import with_damaged_chunk
 
 pytest.importorskip("pyarrow", reason="the extra `batch` is not installed")
 
@@ -193,6 +197,59 @@ def test_logs_that_cannot_be_read_are_counted_at_the_end_and_give_status_1(
         )
     assert main(["batch", str(source), "-o", str(out), "--json"]) == 1
     assert json.loads(capsys.readouterr().out)["unread_files"] == {"v/20261101-100000": 1, "v/empty": 1}
+
+
+def test_what_a_recovered_log_lacks_is_in_the_tables(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The column was empty, although results after the gap can differ from those in flight."""
+    monkeypatch.setattr("companion.log.log_writer.CHUNK_BYTES", 30_000)
+    (log,) = write_parts(tmp_path / "other", "20261101-100000", flight_events(1, 1.0))
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(log.read_bytes()[: log.stat().st_size // 2])
+    (tmp_path / "v").mkdir()
+    recover(with_damaged_chunk(cut, tmp_path / "v" / log.name, 0), cameras_from=log)
+    process_all(tmp_path / "v", tmp_path / "out", BatchOptions())
+    (row,) = flight_rows(tmp_path / "out").values()
+    assert row["frames"] > 0
+    assert "recovered from a damaged file; 1 place could not be read" in row["damage"]
+    assert f"/run, /camera/front/info are from another log ({log})" in row["damage"]
+
+
+@pytest.mark.parametrize(
+    ("camera", "later_s", "difference"),
+    [
+        (SMALL, 0.0, "times, which begin before the end of the file before it"),
+        (replace(SMALL, mount=replace(SMALL.mount, yaw_rad=0.1)), 100.0, "description of camera front"),
+        (SMALL, 100.0, None),
+    ],
+)
+def test_files_of_two_vehicles_in_one_flight_are_named(
+    tmp_path: Path, camera: CameraInfo, later_s: float, difference: str | None
+) -> None:
+    """They were processed as one flight without a word."""
+    v, name = tmp_path / "v", "20261101-100000"
+    write_parts(v, name, flight_events(1, 3.0))
+    with LogWriter(v / f"{name}.001.mcap") as log, McapRecording(v / f"{name}.000.mcap") as first:
+        assert first.run is not None
+        log.begin(first.run, (camera,))
+        for event in flight_events(2, 0.3):
+            log.event(later(event, later_s))
+    process_all(v, tmp_path / "out", BatchOptions())
+    (row,) = flight_rows(tmp_path / "out").values()
+    if difference is None:
+        assert row["damage"] is None
+    else:
+        assert f"{name}.001.mcap: of another run than the first file of the flight ({difference})" in row["damage"]
+
+
+def later(event: Event, seconds: float) -> Event:
+    """The event at another time."""
+    if isinstance(event, DepthFrame):
+        return replace(
+            event,
+            t_exposure_ns=event.t_exposure_ns + round(seconds * NS),
+            t_arrival_ns=event.t_arrival_ns + round(seconds * NS),
+        )
+    return replace(event, t_ns=event.t_ns + round(seconds * NS), t_arrival_ns=event.t_arrival_ns + round(seconds * NS))
 
 
 @pytest.mark.usefixtures("in_process")

@@ -14,6 +14,7 @@ from companion.batch.storage import StoredFile, find_logs
 from companion.batch.task import run_task
 from companion.cli import main
 from companion.log.provenance import software
+from companion.log.recover import default_output
 from drivers.base import DeviceNotFound
 
 pytest.importorskip("pyarrow", reason="the extra `batch` is not installed")
@@ -183,6 +184,14 @@ def test_a_recovered_log_takes_the_place_of_its_damaged_original(tmp_path: Path)
         "20261101-110000": ["20261101-110000.000.recovered.mcap"],
         "hover": ["hover.recovered.mcap"],
     }
+
+
+def test_a_log_recovered_from_the_original_of_a_repair_takes_its_place(tmp_path: Path) -> None:
+    """Each frame would be counted twice."""
+    kept = tmp_path / "20261101-100000.000.mcap.damaged"
+    touch(tmp_path, "20261101-100000.000.mcap", kept.name, default_output(kept).name)
+    (flight,) = find_flights([str(tmp_path)])
+    assert [file.name for file in flight.files] == ["20261101-100000.000.recovered.mcap"]
 
 
 def test_missing_files_of_a_flight_are_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
