@@ -43,11 +43,17 @@ def read_dataflash(path: Path) -> VehicleLog:
     try:
         with collected_output() as printed:
             log = _vehicle_log(path)
-    except BadData:
-        raise
     except Exception as error:  # of a damaged file the library raises this class itself
         raise BadData(f"{path}: damaged ({error}); copy it again from the autopilot") from error
-    return replace(log, damaged=bool(printed.getvalue()))
+    damaged = bool(printed.getvalue())
+    if not log.attitudes:
+        remedy = (
+            "it is damaged: copy it again from the autopilot"
+            if damaged
+            else "set the attitude bits of the ArduPilot parameter LOG_BITMASK"
+        )
+        raise BadData(f"{path}: no {ATTITUDE} in it; {remedy}")
+    return replace(log, damaged=damaged)
 
 
 def _vehicle_log(path: Path) -> VehicleLog:
@@ -69,8 +75,6 @@ def _vehicle_log(path: Path) -> VehicleLog:
             poses[kind].append((t_us, core, TlogPose(float(t_us), t_us, position, velocity)))
         elif kind == "GPS" and getattr(message, "GWk", 0) > 0:
             offsets_us.append(_unix_us(message) - t_us)
-    if not attitudes:
-        raise BadData(f"{path}: no {ATTITUDE} in it; set the attitude bits of the ArduPilot parameter LOG_BITMASK")
     shift_us = median_low(offsets_us) if offsets_us else 0
     kind = next((k for k in POSITIONS if poses[k]), POSITIONS[0])
     return VehicleLog(

@@ -46,7 +46,12 @@ def read_ulog(path: Path) -> VehicleLog:
 def _vehicle_log(path: Path, log: Any) -> VehicleLog:
     attitude = _first(log, ATTITUDE)
     if attitude is None or not len(attitude["timestamp"]):
-        raise BadData(f"{path}: no {ATTITUDE} in it; set the PX4 parameter SDLOG_PROFILE to its default")
+        remedy = (
+            "it is damaged: copy it again from the autopilot"
+            if log.file_corruption
+            else "set the PX4 parameter SDLOG_PROFILE to its default"
+        )
+        raise BadData(f"{path}: no {ATTITUDE} in it; {remedy}")
     offset_us = _unix_offset_us(log)
     return VehicleLog(
         system=1,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -44,6 +45,23 @@ def test_a_place_outside_of_a_log_of_px4_is_damage(
     log = write_ulog(folder / "log.ulg", 4.0)
     assert imported(folder) == 1
     assert f"{log}: not a readable PX4 log" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("write", "name"), [(write_dataflash, "log.bin"), (write_ulog, "log.ulg")])
+def test_a_log_that_has_lost_its_definitions_is_to_be_copied_again(
+    write: Callable[..., Path], name: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """The remedy was to log the attitude, which the autopilot had done."""
+    folder = write_folder(tmp_path / "rec", 20)
+    log = write(folder / name, 4.0)
+    data = bytearray(log.read_bytes())
+    data[100:110] = bytes(10)
+    log.write_bytes(data)
+    assert imported(folder) == 1
+    error = capfd.readouterr().err
+    assert f"{log}: no " in error
+    assert "it is damaged: copy it again from the autopilot" in error
+    assert "parameter" not in error
 
 
 @pytest.mark.parametrize("divisor", [1_000, 1_000_000])
