@@ -35,9 +35,11 @@ REMEDY_NO_SOURCE = (
     "(.mcap, .db3, or the bag's directory)"
 )
 NOTHING_MEASURED = (
-    "no pixel of any image is measured, within 65 m: check the unit. 32FC1 is in metres, 16UC1 and PNGs in millimetres (another unit "
+    "no pixels of the images are measured from 0.1 m to 65 m: check the unit. 32FC1 is in metres, 16UC1 and PNGs in millimetres (another unit "
     "of PNGs: depth_unit_mm in intrinsics.json)"
 )
+LEAST_REACH_M = 0.1
+"""Nearer than this no depth camera measures; metres as integers are millimetres of less than 0.065 m."""
 LEAST_INTERVAL_S = 0.001
 """Median interval of images, shorter than of any camera: of 10 Hz with times in microseconds it is 0.0001 s."""
 _LIST_COLUMNS = ("sequence", "file")
@@ -82,7 +84,7 @@ def import_recording(path: Path, output: Path, options: ImportOptions, config: C
     if not counted.kinds[DepthFrame]:
         raise _with_problems(f"{path}: no frame could be used, so that {output} was not written", report)
     depth = counted.depth.summary()
-    if not depth.measured_share:
+    if depth.reach_m <= LEAST_REACH_M:
         report.problem("depth", f"{path}: {NOTHING_MEASURED}")
     if 0.0 < counted.interval_s < LEAST_INTERVAL_S:
         report.problem(

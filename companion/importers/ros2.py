@@ -50,7 +50,7 @@ class Ros2Source:
         items: list[AttitudeSample | PoseSample] = [*self._attitudes, *self._poses]
         waiting = sorted(items, key=lambda s: s.t_arrival_ns)
         next_sample, newest_ns, exposures = 0, 0, []
-        stamps = ImageStamps(str(self._path), self._depth_topic)
+        stamps = ImageStamps(str(self._path), self._depth_topic, self._scan.recorder_behind_ns)
         for number, (log_ns, message) in enumerate(self._images()):
             t_ns = stamp_ns(message.header)
             arrived_ns = self._scan.arrival_ns(log_ns, t_ns)
@@ -67,7 +67,7 @@ class Ros2Source:
                 next_sample += 1
             frame = self._frame(number, t_ns, arrival_ns, message)
             if frame is not None:
-                stamps.add(number, t_ns, self._scan.on_stamp_clock_ns(log_ns))
+                stamps.add(number, t_ns, log_ns)
                 exposures.append(t_ns)
                 yield frame
         yield from waiting[next_sample:]

@@ -59,15 +59,19 @@ class RosScan:
     def span_ns(self, topic: str) -> tuple[int, int]:
         """First and last log time of a topic on the stamps' clock."""
         first_ns, last_ns = self._log_span_ns[topic]
-        return self.on_stamp_clock_ns(first_ns), self.on_stamp_clock_ns(last_ns)
+        return first_ns - self._offset_ns, last_ns - self._offset_ns
 
-    def on_stamp_clock_ns(self, log_ns: int) -> int:
-        """A log time on the stamps' clock."""
-        return log_ns - self._offset_ns
+    @property
+    def recorder_behind_ns(self) -> int | None:
+        """By which the log times are usually before the stamps of the motion; 0: they are after them, or there is no motion. None:
+        log times and stamps are of different clocks."""
+        if self._offset_ns:
+            return None
+        return max(0, -median_low(self._delays_ns)) if self._delays_ns else 0
 
     def arrival_ns(self, log_ns: int, t_ns: int) -> int | None:
         """The arrival on the stamps' clock, not before the measurement; None for an implausible stamp."""
-        arrival_ns = self.on_stamp_clock_ns(log_ns)
+        arrival_ns = log_ns - self._offset_ns
         return max(arrival_ns, t_ns) if t_ns > 0 and abs(arrival_ns - t_ns) <= MAX_STAMP_ERROR_NS else None
 
     def _scan(self, recording: RosRecording) -> None:

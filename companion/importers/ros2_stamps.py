@@ -10,20 +10,23 @@ from ..pipeline.sync import NS
 from .report import Report
 
 MAX_AHEAD_S: Final = 0.1
-"""Images stamped later than this after their log time were stamped by another clock than the attitude."""
+"""Images stamped later than this after their log time, where the attitude is not, were stamped by another clock than that."""
 
 
 class ImageStamps:
-    """The stamps of the images of a topic, in file order. where: file and topic, for the report."""
+    """The stamps of the images of a topic, in file order.
 
-    def __init__(self, where: str, topic: str) -> None:
-        self._where, self._topic = where, topic
+    where: file, for the report. recorder_behind_ns: by which the log times are before the stamps of the attitude; None: not known,
+    since log times and stamps are of different clocks."""
+
+    def __init__(self, where: str, topic: str, recorder_behind_ns: int | None) -> None:
+        self._where, self._topic, self._recorder_behind_ns = where, topic, recorder_behind_ns
         self._newest_ns: int | None = None
         self._not_later: list[int] = []
         self._ahead_ns: list[int] = []
 
     def add(self, number: int, t_ns: int, log_ns: int) -> None:
-        """Adds an image. log_ns: its log time on the stamps' clock."""
+        """Adds an image."""
         self._ahead_ns.append(t_ns - log_ns)
         if self._newest_ns is not None and t_ns <= self._newest_ns:
             self._not_later.append(number)
@@ -39,7 +42,9 @@ class ImageStamps:
                 f"before, the first is image {self._not_later[0]}: a replay leaves them out; correct the driver's stamps, or record "
                 "each image once",
             )
-        ahead_s = median(self._ahead_ns) / NS if self._ahead_ns else 0.0
+        if self._recorder_behind_ns is None or not self._ahead_ns:
+            return
+        ahead_s = (median(self._ahead_ns) - self._recorder_behind_ns) / NS
         if ahead_s > MAX_AHEAD_S:
             report.warning(
                 "stamp",

@@ -46,7 +46,7 @@ def test_depth_in_the_wrong_unit_is_a_problem(tmp_path, capsys, encoding, factor
 
     status, error = imported(tmp_path, RosFlight(encoding=encoding), change, capsys)
     assert status == 1
-    assert "no pixel of any image is measured" in error
+    assert "no pixels of the images are measured from 0.1 m to 65 m" in error
     assert "millimetres" in error
 
 
@@ -79,6 +79,35 @@ def test_stamps_after_the_log_time_are_a_warning(tmp_path, capsys):
 
 def test_images_of_a_usual_delay_are_no_warning(tmp_path, capsys):
     assert imported(tmp_path, RosFlight(), lambda entries: None, capsys) == (0, "")
+
+
+@pytest.mark.parametrize(
+    ("recorder_s", "attitude_delay_s"),
+    [(-0.5, 0.0), (0.2, 0.0), (0.0, 0.2), (1000.0, 0.2)],
+)
+def test_a_recorder_with_another_clock_is_no_warning(tmp_path, capsys, recorder_s, attitude_delay_s):
+    """Stamps of images and attitudes are of one clock, whatever the log times are (simulated time, another computer)."""
+
+    def change(entries: list[Entry]) -> None:
+        entries[:] = [
+            (log_ns + round(NS * (recorder_s + attitude_delay_s * kind.endswith("/Odometry"))), topic, kind, message)
+            for log_ns, topic, kind, message in entries
+        ]
+
+    assert imported(tmp_path, RosFlight(), change, capsys) == (0, "")
+
+
+@pytest.mark.parametrize("row", range(8))
+def test_a_sensor_that_measures_few_rows_is_no_problem(tmp_path, capsys, row):
+    """Every eighth row was counted, and a good recording refused for its unit."""
+
+    def change(entries: list[Entry]) -> None:
+        for message in images(entries):
+            depth_mm = np.frombuffer(message["data"], "<u2").reshape(message["height"], -1).copy()
+            depth_mm[np.arange(len(depth_mm)) % 8 != row] = 0
+            message["data"] = depth_mm.tobytes()
+
+    assert imported(tmp_path, RosFlight(), change, capsys) == (0, "")
 
 
 def test_a_recording_without_camera_info_says_what_to_record(tmp_path, capsys):
