@@ -118,6 +118,8 @@ class RosBag:
         try:
             with self._highlevel.AnyReader(self._paths, default_typestore=store) as reader:
                 for connection, log_ns, data in reader.messages():
+                    if not isinstance(log_ns, int):  # a field of SQLite can hold any type
+                        raise sqlite3.DatabaseError(f"{log_ns!r} is no log time")
                     yield self._item(reader, connection, log_ns, data)
         except (self._highlevel.AnyReaderError, OSError, *_database_errors(), *DECODE_ERRORS) as error:
             cause = " ".join(str(error).split()) or type(error).__name__

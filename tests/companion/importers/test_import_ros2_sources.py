@@ -297,6 +297,20 @@ def test_damage_that_shows_within_a_database_is_reported(tmp_path: Path, capsys:
     assert f"{alone}: not a readable ROS 2 bag" in _refusal(alone, capsys)
 
 
+@pytest.mark.parametrize("value", ["abc", 1.5])
+def test_a_log_time_that_is_no_integer_is_damage(
+    value: object, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A field of SQLite can hold any type. It ended the command with a traceback."""
+    bag = write_bag(tmp_path / "bag", full(RosFlight(motion=("px4 odometry",)).entries()), "sqlite3")
+    (database,) = bag.glob("*.db3")
+    with sqlite3.connect(database) as connection:
+        connection.execute("UPDATE messages SET timestamp = ? WHERE id = 20", (value,))
+    message = _refusal(database, capsys)
+    assert f"{database}: not a readable ROS 2 bag ({value!r} is no log time)" in message
+    assert "it is damaged" in message
+
+
 def test_a_recording_without_a_readable_message_is_called_so(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
