@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fcntl
 import json
 from dataclasses import replace
 from pathlib import Path
@@ -173,6 +174,22 @@ def test_other_logs_have_no_description_of_another(chunked, tmp_path, capsys):
         for command in ("info", "replay"):
             main([command, "--json", str(log)])
             assert json.loads(capsys.readouterr().out)["descriptions_from"] == {}
+
+
+def test_the_repeated_description_is_not_another_camera(chunked, capsys):
+    assert main(["info", "--json", str(chunked)]) == 0
+    assert [camera["camera"] for camera in json.loads(capsys.readouterr().out)["cameras"]] == ["front"]
+
+
+def test_damage_before_the_end_of_a_log_that_is_being_written_is_damage(chunked, tmp_path, capsys):
+    """Not all that was written could be read."""
+    path = with_damaged_chunk(chunked, tmp_path / "flight.mcap", 2)
+    with path.open("rb") as stream:
+        fcntl.flock(stream, fcntl.LOCK_EX)
+        assert main(["replay", str(path)]) == 1
+    error = capsys.readouterr().err
+    assert "damaged at byte" in error
+    assert "what it had written was read" not in error
 
 
 def test_a_log_that_is_being_written_is_no_damage(chunked, tmp_path, capsys):
