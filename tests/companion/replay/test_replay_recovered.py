@@ -82,6 +82,15 @@ def test_a_log_recovered_from_a_cut_file_lacks_nothing_before_its_end(chunked, t
     assert "recovered from" not in capsys.readouterr().out
 
 
+def test_a_log_recovered_from_one_with_a_damaged_summary_lacks_nothing(chunked, tmp_path, capsys):
+    """All messages are before the summary."""
+    data = bytearray(chunked.read_bytes())
+    data[-20] ^= 1
+    (tmp_path / "bad.mcap").write_bytes(data)
+    assert main(["replay", "--json", str(recover(tmp_path / "bad.mcap").output)]) == 0
+    assert json.loads(capsys.readouterr().out)["lost"] == []
+
+
 def test_lost_descriptions_are_taken_from_another_log(chunked, tmp_path, capsys):
     """Of a log that was cut and has lost its first chunk neither copy of them is left."""
     cut, bad = tmp_path / "cut.mcap", tmp_path / "bad.mcap"
