@@ -215,21 +215,23 @@ def test_what_a_recovered_log_lacks_is_in_the_tables(tmp_path: Path, monkeypatch
 
 
 @pytest.mark.parametrize(
-    ("camera", "later_s", "difference"),
+    ("camera", "processor", "later_s", "difference"),
     [
-        (SMALL, 0.0, "times, which begin before the end of the file before it"),
-        (replace(SMALL, mount=replace(SMALL.mount, yaw_rad=0.1)), 100.0, "description of camera front"),
-        (SMALL, 100.0, None),
+        (SMALL, "pdp11", 100.0, "software or configuration"),
+        (SMALL, None, 0.0, "times, which begin before the end of the file before it"),
+        (replace(SMALL, mount=replace(SMALL.mount, yaw_rad=0.1)), None, 100.0, "description of camera front"),
+        (SMALL, None, 100.0, None),
     ],
 )
 def test_files_of_two_vehicles_in_one_flight_are_named(
-    tmp_path: Path, camera: CameraInfo, later_s: float, difference: str | None
+    tmp_path: Path, camera: CameraInfo, processor: str | None, later_s: float, difference: str | None
 ) -> None:
     """They were processed as one flight without a word."""
     v, name = tmp_path / "v", "20261101-100000"
     write_parts(v, name, flight_events(1, 3.0))
     with LogWriter(v / f"{name}.001.mcap") as log, McapRecording(v / f"{name}.000.mcap") as first:
         assert first.run is not None
+        first.run.processor = processor or first.run.processor
         log.begin(first.run, (camera,))
         for event in flight_events(2, 0.3):
             log.event(later(event, later_s))

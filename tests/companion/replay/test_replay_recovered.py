@@ -165,6 +165,9 @@ def test_the_description_of_another_set_up_is_refused(without_cameras, tmp_path,
 def test_a_log_states_from_which_other_its_descriptions_are(without_cameras, chunked, tmp_path, capsys):
     assert main(["recover", str(without_cameras), "--cameras-from", str(chunked)]) == 0
     once = tmp_path / "bad.recovered.mcap"
+    with McapRecording(once) as recording:
+        times_ns = [message.t_log_ns for message in recording.messages()]
+    assert times_ns[:2] == [times_ns[2]] * 2  # they do not lengthen the flight
     (tmp_path / "twice.mcap").write_bytes(once.read_bytes()[:-100])
     assert main(["recover", str(tmp_path / "twice.mcap")]) == 0
     origins = {topic: str(chunked) for topic in ("/run", "/camera/front/info")}
