@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
@@ -10,9 +11,11 @@ from typing import Final
 import numpy as np
 from foxglove_schemas_protobuf.FrameTransform_pb2 import FrameTransform
 from foxglove_schemas_protobuf.RawImage_pb2 import RawImage
+from google.protobuf.message import DecodeError
 from numpy.typing import NDArray
 
 from core.types import CameraInfo
+from drivers.base import BadData
 from drivers.logs.codec import camera_from_message, optical_frame
 from drivers.logs.reader import open_scan, our_channel
 from drivers.logs.record_scanner import Logged
@@ -53,6 +56,10 @@ class _Recorded:
     def take(self, key: str, camera: str, item: Logged) -> None:
         self.kinds.add((key, camera))
         self.first_ns = item.message.log_time if self.first_ns is None else self.first_ns
+        with suppress(DecodeError):  # a damaged message, which a replay reports
+            self._take_content(key, camera, item)
+
+    def _take_content(self, key: str, camera: str, item: Logged) -> None:
         if key == "depth" and camera not in self.sizes_px:
             image = RawImage.FromString(item.message.data)
             self.sizes_px[camera] = image.width, image.height
@@ -62,10 +69,12 @@ class _Recorded:
                 t, q = transform.translation, transform.rotation
                 self.mounts[transform.child_frame_id] = np.array([t.x, t.y, t.z, q.w, q.x, q.y, q.z])
 
-    def difference(self, info: CameraInfo) -> str:
-        """How a description differs from what the messages say; "" where it does not."""
-        width, height = self.sizes_px[info.camera]
+    def difference(self, camera: str, info: CameraInfo) -> str:
+        """How a description differs from what the messages of a camera say; "" where it does not."""
+        if info.camera != camera:
+            return f"describes the camera {info.camera!r}, not {camera!r}"
         k = info.intrinsics
+        width, height = self.sizes_px.get(camera, (k.width, k.height))
         if (k.width, k.height) != (width, height):
             return f"is for images of {k.width}x{k.height} pixels, and these have {width}x{height}"
         mount = self.mounts.get(optical_frame(info.camera))
@@ -85,7 +94,10 @@ def lost_descriptions(path: Path, other: Path) -> Descriptions:
     recorded = _Recorded()
     for (key, camera), item in _ours(path):
         recorded.take(key, camera, item)
-    wanted = {("run", ""), *(("camera_info", camera) for camera in recorded.sizes_px)} - recorded.kinds
+    wanted = {
+        ("run", ""),
+        *(("camera_info", camera) for key, camera in recorded.kinds if key == "depth"),
+    } - recorded.kinds
     if not wanted - {("run", "")}:
         raise UsageError(f"{path}: no description of a camera is lost; leave --cameras-from out")
     found: dict[tuple[str, str], Logged] = {}
@@ -96,14 +108,24 @@ def lost_descriptions(path: Path, other: Path) -> Descriptions:
     missing = sorted(TOPICS[key].of(camera) for key, camera in wanted - found.keys())
     if missing:
         raise UsageError(f"{other}: has no {', '.join(missing)}; {remedy}")
-    for (key, _), item in found.items():
+    for (key, camera), item in found.items():
         if key == "camera_info":
-            info = camera_from_message(pb.CameraInfo.FromString(item.message.data))
-            if difference := recorded.difference(info):
-                raise UsageError(f"{other}: {item.channel.topic} {difference} in {path}: another set-up; {remedy}")
+            info = _described(other, item)
+            if difference := recorded.difference(camera, info):
+                raise UsageError(f"{other}: {item.channel.topic} {difference}, in {path}: another set-up; {remedy}")
     for item in found.values():
         item.message.log_time = item.message.publish_time = recorded.first_ns or 0
     return Descriptions(other, [found[kind] for kind in sorted(found, key=lambda kind: _DESCRIBING.index(kind[0]))])
+
+
+def _described(path: Path, item: Logged) -> CameraInfo:
+    """The camera of a message. Raises BadData."""
+    try:
+        return camera_from_message(pb.CameraInfo.FromString(item.message.data))
+    except (DecodeError, ValueError) as error:
+        raise BadData(
+            f"{path}: {item.channel.topic}: {error}; give another log of the same vehicle and set-up"
+        ) from error
 
 
 def _ours(path: Path) -> Iterator[tuple[tuple[str, str], Logged]]:

@@ -17,8 +17,10 @@ from companion.log.provenance import run_info
 from companion.log.recover import recover
 from companion.replay.replay import Options, replay
 from drivers.logs.chunk_search import FRAME
+from drivers.logs.codec import camera_message
 from drivers.logs.reader import McapRecording
 from drivers.simulation.flight import SimulatedFlight
+from osape_client.proto import osape_v1_pb2 as pb
 
 from .test_replay import SMALL
 
@@ -159,6 +161,17 @@ def test_the_description_of_another_set_up_is_refused(without_cameras, tmp_path,
     error = capsys.readouterr().err
     assert f"{other}: /camera/front/info" in error
     assert text in error
+    assert not (tmp_path / "bad.recovered.mcap").exists()
+
+
+@pytest.mark.parametrize("description", [pb.CameraInfo(), camera_message(replace(SMALL, camera="rear"))])
+def test_a_wrong_description_in_the_other_log_is_refused(without_cameras, tmp_path, capsys, description):
+    """It is not valid, or of another camera than its topic."""
+    with LogWriter(tmp_path / "other.mcap") as log:
+        log.begin(run_info("simulated"), ())
+        log.write("camera_info", description, 0, camera="front")
+    assert main(["recover", str(without_cameras), "--cameras-from", str(tmp_path / "other.mcap")]) in (1, 2)
+    assert "other.mcap: /camera/front/info" in capsys.readouterr().err
     assert not (tmp_path / "bad.recovered.mcap").exists()
 
 
