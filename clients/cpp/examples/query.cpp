@@ -1,5 +1,6 @@
 // Queries one message, a file with an osape.v1.PrismsFrame. For each line "x y z radius", or "x y z x y z radius" for the way
-// from one point to another, on standard input one line is printed: 0 unknown, 1 free, 2 occupied, and with --allow-open 3 open (presumed free). Usage: query FILE [--allow-open]
+// from one point to another, on standard input one line is printed: 0 unknown, 1 free, 2 occupied, and with --allow-open 3 open
+// (presumed free). Usage: query FILE [--allow-open]
 #include <fstream>
 #include <iostream>
 #include <iterator>

@@ -1,5 +1,5 @@
-// Query of one frame: is a ball, or the way of a ball, free, occupied or unknown? The answers are those of osape_client.Space in
-// Python; of a way Space.segments may call a little more free, and a little less occupied.
+// Query of one frame: is a ball, or the way of a ball, free, occupied or unknown? For a ball the answers are those of
+// osape_client.Space in Python. A way is covered by other balls than those of Space.segments: at borders the answers differ.
 //
 // Occupied: it touches a plane or its margin, or touches or lies below the ground where the camera measured the ground.
 // Free: all of it lies in space that the camera observed to be free, above the camera's ground. Else it is unknown.
