@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 import math
 import os
@@ -291,6 +292,32 @@ def test_blind_is_reported_and_leaves_nothing_free(service: Service) -> None:
         assert received.cause == "silent: unplugged"
         assert not received.space.knows
         assert received.space.points([[2, 0, 0]]).tolist() == [Occupancy.UNKNOWN]
+
+
+def test_after_the_end_of_a_blind_service_its_last_cause_is_not_repeated(service: Service) -> None:
+    """It was, with a growing age, as while the service was blind."""
+    with Subscriber(service.address) as client:
+        joined(client, service)
+        service.say(blind_message("front", 7, 1, "no frame for 0.6 s"))
+        received = client.wait(60.0)
+        assert received is not None
+        assert received.cause == "no frame for 0.6 s"
+        ended = dataclasses.replace(received, received_ns=received.received_ns - 3_000_000_000)
+        assert ended.cause.startswith("no message for 3.")
+
+
+def test_after_close_nothing_is_received_and_the_error_says_why(service: Service) -> None:
+    """It was "ZMQError: Operation not supported"."""
+    client = Subscriber(service.address)
+    client.close()
+    client.close()
+    for call in (client.latest, lambda: client.wait(0.1), lambda: next(client.messages())):
+        with pytest.raises(RuntimeError, match=r"subscription to ipc://.*/s is closed; create a new one"):
+            call()
+    mirror = WorldMirror(service.address, service.address)
+    mirror.close()
+    with pytest.raises(RuntimeError, match="is closed; create a new one"):
+        mirror.update()
 
 
 def test_several_cameras_as_one(service: Service) -> None:

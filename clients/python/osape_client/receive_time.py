@@ -36,7 +36,8 @@ class TimedSocket:
 
     def take(self, timeout_ms: int = 0) -> tuple[bytes, int] | None:
         """(message, the earliest time at which it can have arrived, by `clock_ns`); None when no message came within the
-        timeout."""
+        timeout. Raises RuntimeError after `close`."""
+        self.check_open()
         end_ns = clock_ns() + timeout_ms * MS
         while True:
             left_ms = max(0, (end_ns - clock_ns()) // MS)
@@ -79,6 +80,12 @@ class TimedSocket:
             self.socket.disconnect(self._address)
         with suppress(zmq.ZMQError):  # the next silence tries again
             self.socket.connect(self._address)
+
+    def check_open(self) -> None:
+        """Raises RuntimeError after `close`."""
+        if self.socket.closed:
+            to = f" to {self._address}" if self._address else ""
+            raise RuntimeError(f"the subscription{to} is closed; create a new one, or receive inside its `with` block")
 
     def close(self) -> None:
         """May be called twice."""

@@ -45,6 +45,6 @@ class StreamSubscriber:
         self.close()
 
     def close(self) -> None:
-        """Closes the subscription. May be called twice."""
+        """Closes the subscription: to receive then raises RuntimeError. May be called twice."""
         self._socket.close()
         self._context.term()

@@ -35,6 +35,8 @@ from .stream_subscriber import StreamSubscriber
 NS = 1_000_000_000
 SCHEMA_VERSION = 1
 FRAMES = frozenset({"level", "ned"})
+SILENCE_S = 0.5
+"""A blind service sends too. After this time without a message its last cause says nothing about now."""
 TIMEOUT_S = 0.4
 """Default age at which a message becomes stale. The service itself reports a camera as unavailable after 0.3 s."""
 
@@ -97,7 +99,11 @@ class Message:
 
     @property
     def cause(self) -> str:
-        """Why the message is not valid, in words; empty when it is."""
+        """Why nothing may be taken as free, in words; empty while the message is valid and the service sends. Of several cameras the
+        causes of the unavailable ones."""
+        silence_s = (clock_ns() - self.received_ns) / NS
+        if silence_s > max(self.timeout_s, SILENCE_S):
+            return f"no message for {silence_s:.1f} s; does the service run?"
         if isinstance(self.content, pb.PrismsFrame):
             return str(self.content.cause_text)
         return "; ".join(f"{c.camera}: {c.text}" for c in self.unavailable)

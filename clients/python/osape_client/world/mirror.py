@@ -142,8 +142,11 @@ class WorldMirror:
             return CONFLICT_TEXT
         if not self._complete:
             return "a message was missed; a snapshot was requested"
-        if not self._newest.valid:
+        silence_s = (clock_ns() - self._received_ns) / NS
+        if not self._newest.valid and silence_s <= self._timeout_s:
             return str(self._newest.cause_text)
+        if not self._newest.valid:
+            return f"no message for {silence_s:.1f} s; does the service run?"
         return "" if self.usable else f"its newest exposure is {self.age_s:.1f} s old"
 
     @property
@@ -164,7 +167,9 @@ class WorldMirror:
         return self._space[1]
 
     def update(self, timeout_s: float = 0.0) -> bool:
-        """Applies all messages that have come; waits up to timeout_s until the copy can be used. Returns whether it can."""
+        """Applies all messages that have come; waits up to timeout_s until the copy can be used. Returns whether it can.
+        Raises RuntimeError after `close`."""
+        self._updates.check_open()
         end_ns = deadline_ns(timeout_s)
         while True:
             self._request_if_incomplete()
