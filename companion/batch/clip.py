@@ -14,6 +14,7 @@ from drivers.logs.reader import EVENT_KEYS, LoggedMessage, McapRecording
 from drivers.logs.topics import TOPICS
 from osape_client.proto import osape_v1_pb2 as pb
 
+from ..kernels.warmup import ensure_compiled
 from ..log.log_file import refuse_output
 from ..log.log_writer import LogWriter
 from ..log.provenance import run_info
@@ -55,8 +56,10 @@ def cut(path: Path, spans: Sequence[Span], on_written: Callable[[Path], None]) -
     for span in spans:
         refuse_output(span.output, path, replace=True)
     with McapRecording(path) as source:
-        state = opening_state(source)
-        pipeline = make_pipeline(recorded_config(source, otherwise=""), source.cameras, state)
+        state, config = opening_state(source), recorded_config(source, otherwise="")
+        if config.tracking.enabled:
+            ensure_compiled("tracking")
+        pipeline = make_pipeline(config, source.cameras, state)
         cutter = _Cutter(source, pipeline, sorted(spans, key=lambda s: s.begin_ns), on_written)
         ignored = skipped_live(path)
         try:

@@ -186,7 +186,8 @@ def run(args: argparse.Namespace) -> int:
                 "not copied; the results lack its time"
             )
     if engine_name is EngineName.LOCAL:
-        ensure_compiled("extractor", "tracking")
+        tracks = options.config is not None and options.config.tracking.enabled  # otherwise `run_task` compiles them
+        ensure_compiled("extractor", *(("tracking",) if tracks else ()))
     report = batch(flights, output, options, engine)
     report.unread_inputs = len(unread_inputs)
     if args.json:

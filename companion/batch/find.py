@@ -205,7 +205,7 @@ def run(args: argparse.Namespace) -> int:
 def _write(clips: list[Clip], folder: Path, replace: bool, found: Found) -> None:
     refuse_existing(*(clip.output for clip in clips), replace=replace)
     folder.mkdir(parents=True, exist_ok=True)
-    ensure_compiled("extractor", "tracking")
+    ensure_compiled("extractor")
     try:
         cut_clips(clips, found)
     except KeyboardInterrupt as interrupt:

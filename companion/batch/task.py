@@ -19,7 +19,7 @@ from ..kernels.warmup import ensure_compiled
 from ..log.log_file import ACTIVE
 from ..log.provenance import software
 from ..log.recovered_text import recovered_texts
-from ..replay.replay import Options, replay
+from ..replay.replay import Options, check_input, replay
 from .dataset import publish_flight, temporary_folder
 from .flight_tables import FlightTables
 from .jobs import Failure, FlightTask, Outcome
@@ -52,7 +52,7 @@ def process_flight(task: FlightTask) -> Outcome:
         raise VersionError(
             f"the worker has {software()} and the command {task.software}: install the same version on all workers"
         )
-    _warm_up()
+    _compile("extractor")
     cpu_s = time.process_time()
     with ExitStack() as stack:
         folder = temporary_folder(task.output, task.flight)
@@ -82,15 +82,18 @@ def process_flight(task: FlightTask) -> Outcome:
 
 
 @functools.cache
-def _warm_up() -> None:
-    """Compiles missing kernels, once per process. They are loaded at their first use."""
-    ensure_compiled("extractor", "tracking")
+def _compile(group: str) -> None:
+    """Compiles missing kernels of a group, once per process. They are loaded at their first use."""
+    ensure_compiled(group)
 
 
 def _replay(path: Path, output: Path | None, config: Config | None, tables: FlightTables) -> str | None:
     """Replays a file; returns its damage and what it has lost before a recovery, None: nothing. Raises _NothingReadError."""
+    options = Options(output=output, config=config, depth=False, as_live=True)
     try:
-        done = replay(path, Options(output=output, config=config, depth=False, as_live=True), observer=tables)
+        if check_input(path, options).tracking.enabled:
+            _compile("tracking")
+        done = replay(path, options, observer=tables)
     except BadData as error:
         raise _NothingReadError(str(error)) from error
     except ConfigError as error:

@@ -13,6 +13,7 @@ from typing import Any
 
 import pytest
 
+from companion.batch import task
 from companion.batch.comparison import Dataset, compare_flight
 from companion.batch.conditions import find_hits
 from companion.batch.dataset import begin_run, finished, open_table
@@ -30,6 +31,7 @@ from companion.log.log_writer import LogWriter
 from companion.log.provenance import software
 from companion.log.recover import recover
 from core.params import Params
+from core.tracking.params import TrackingParams
 from core.types import CameraInfo, DepthFrame
 from drivers.base import BadData, DeviceNotFound, Event
 from drivers.logs.reader import McapRecording
@@ -128,6 +130,19 @@ def test_events_name_blindness_and_reports(dataset: Path) -> None:
     assert (blind["cause"], blind["frames"], blind["armed"]) == ("no_measurement", 3, True)
     assert [row["kind"] for row in events].count("recovered") == 1
     assert {row["distance_m"] for row in events if row["kind"] == "obstacle_report"} == {8.0}
+
+
+@pytest.mark.parametrize("tracking", [False, True])
+def test_only_kernels_that_a_flight_needs_are_compiled(
+    fleet: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, tracking: bool
+) -> None:
+    """Those of the tracking were compiled at the first run without tracking too."""
+    compiled: list[str] = []
+    monkeypatch.setattr(task, "ensure_compiled", lambda *groups: compiled.extend(groups))
+    task._compile.cache_clear()
+    config = Config(tracking=TrackingParams(enabled=True)) if tracking else None
+    process_all(fleet / "alpha", tmp_path, BatchOptions(config=config))
+    assert compiled == ["extractor", "tracking"][: 1 + tracking]
 
 
 def test_replayed_logs_equal_those_of_companion_replay(fleet: Path, dataset: Path, tmp_path: Path) -> None:
