@@ -11,12 +11,15 @@ import numpy as np
 from ..viewer.png import new_figure, save_figure
 from .comparison import FlightDifference, PairedFrames
 
+MOST_CHARACTERS = 120
+"""Of the path of a dataset in a title; of a longer one the end is shown."""
 _A, _B, _LOST, _NEW, _BLIND = "#1565c0", "#ef6c00", "#c62828", "#6a1b9a", "#9e9e9e"
 
 
-def draw_overview(flights: Sequence[FlightDifference], path: Path) -> None:
-    """Four panels: planes per frame, blind time, lost and new obstacles, changed frames."""
+def draw_overview(datasets: tuple[str, str], flights: Sequence[FlightDifference], path: Path) -> None:
+    """Four panels: planes per frame, blind time, lost and new obstacles, changed frames. datasets: where A and B are."""
     figure = new_figure(1100, 800, layout="constrained")
+    figure.suptitle(_sides(datasets), fontsize=9, parse_math=False)
     planes, blind, obstacles, changed = figure.subplots(2, 2).ravel()
     mean_a = [f.planes_a / max(1, f.valid_a) for f in flights]
     mean_b = [f.planes_b / max(1, f.valid_b) for f in flights]
@@ -45,7 +48,7 @@ def _scatter(axes: Any, a: Sequence[float], b: Sequence[float], title: str) -> N
     axes.set(title=title, xlabel="A", ylabel="B", xlim=(0, most), ylim=(0, most))
 
 
-def draw_flight(flight: FlightDifference, frames: PairedFrames, path: Path) -> None:
+def draw_flight(datasets: tuple[str, str], flight: FlightDifference, frames: PairedFrames, path: Path) -> None:
     """The distance of the nearest plane and the number of planes over time, with marks where the answer changed."""
     figure = new_figure(1100, 600, layout="constrained")
     near, planes = figure.subplots(2, 1, sharex=True)
@@ -62,13 +65,20 @@ def draw_flight(flight: FlightDifference, frames: PairedFrames, path: Path) -> N
     ):
         at = t_s[[kind in kinds for kind in frames.kinds]]
         near.plot(at, np.full(len(at), 0.0), "^", color=color, label=f"{label}: {len(at)}")
-    figure.suptitle(f"{flight.vehicle}/{flight.flight}: {flight.changed} of {flight.frames} frames changed")
+    title = f"{flight.vehicle}/{flight.flight}: {flight.changed} of {flight.frames} frames changed"
+    figure.suptitle(f"{title}\n{_sides(datasets)}", fontsize=9, parse_math=False)
     near.set(ylabel="distance, m")
     planes.set(ylabel="planes", xlabel="s of the flight")
     for axes in (near, planes):
         axes.legend(fontsize=8, loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=4, frameon=False)
         axes.set_ylim(bottom=-0.04 * axes.get_ylim()[1])  # marks at 0 are whole
     save_figure(figure, path)
+
+
+def _sides(datasets: tuple[str, str]) -> str:
+    """Where A and B are, a line each."""
+    ends = [name if len(name) <= MOST_CHARACTERS else f"...{name[-MOST_CHARACTERS:]}" for name in datasets]
+    return f"A: {ends[0]}\nB: {ends[1]}"
 
 
 def _column(rows: Sequence[dict[str, Any]], name: str) -> Any:

@@ -97,10 +97,11 @@ def _write_look(path: Path, a: Dataset, b: Dataset, flights: Sequence[FlightDiff
 def _draw(
     folder: Path, a: Dataset, b: Dataset, flights: Sequence[FlightDifference], shown: Sequence[FlightDifference]
 ) -> None:
-    draw_overview(flights, folder / "overview.png")
+    datasets = a.location, b.location
+    draw_overview(datasets, flights, folder / "overview.png")
     for number, flight in enumerate(shown, start=1):
         frames, _, _ = paired_frames(a, b, (flight.vehicle, flight.flight))
-        draw_flight(flight, frames, folder / _picture(number, flight.vehicle, flight.flight))
+        draw_flight(datasets, flight, frames, folder / _picture(number, flight.vehicle, flight.flight))
 
 
 def _picture(number: int, vehicle: str, flight: str) -> str:

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from companion.batch import comparison_pictures
 from companion.batch.comparison import Dataset, FlightDifference, compare_flight, difference_kind, unmatched
 from companion.batch.conditions import find_hits
 from companion.batch.flights import find_flights
@@ -146,6 +147,20 @@ def test_the_reverse_comparison_exchanges_missed_and_phantom(datasets: tuple[Pat
         there, back = compare_flight(a, b, name), compare_flight(b, a, name)
         assert (there.missed, there.phantom) == (back.phantom, back.missed)
         assert (there.missed_planes, there.phantom_planes) == (back.phantom_planes, back.missed_planes)
+
+
+def test_each_picture_names_both_datasets(
+    datasets: tuple[Path, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """They named A and B only. The end of a long path is shown."""
+    titles = []
+    monkeypatch.setattr(comparison_pictures, "save_figure", lambda figure, path: titles.append(figure.get_suptitle()))
+    a, long = map(str, (datasets[0], tmp_path / ("x" * 150) / "new$results$"))
+    shutil.copytree(datasets[1], long)
+    assert main(["batch", "--compare", a, long, "-o", str(tmp_path / "report")]) == 0
+    assert len(titles) == 4
+    for title in titles:
+        assert title.endswith(f"A: {a}\nB: ...{long[-120:]}")
 
 
 def test_a_report_replaces_the_pictures_of_an_earlier_report_only(
