@@ -273,7 +273,7 @@ class CameraSupervisor:
         silent_s = (now_ns - last_ns) / NS
         if silent_s > p.silent_s:
             process_silent = now_ns - received_ns > p.silent_s * NS
-            what = "no notification of its process" if process_silent else "no frame"
+            what = "camera process silent" if process_silent else "no frame"
             self._set_condition(CameraCondition.SILENT, f"{what} for {silent_s:.1f} s")
         # the first frame may be late: pipelines start, models load, kernels compile
         delivered = status.last_arrival_ns is not None and status.last_arrival_ns >= opened_ns

@@ -107,9 +107,10 @@ def frames_finding(
         text += ": only one frame arrived, its rate is not measured; --patience gives it more time"
         return Finding(part, False, text, DiagnosticCode.CAMERA_RATE_LOW)
     if hz < MIN_RATE_SHARE * section.fps:
-        text += (
-            f": fps = {section.fps:g} is configured; check that the camera is on USB 3 and used by this process only"
-        )
+        remedy = "check that the camera is on USB 3 and used by this process only"
+        if section.kind == "simulated":
+            remedy = "this computer renders them too slowly: end other programs, or lower fps or width_px"
+        text += f": fps = {section.fps:g} is configured; {remedy}"
         return Finding(part, False, text, DiagnosticCode.CAMERA_RATE_LOW)
     middle_m = middle_depth_m(frames)
     if middle_m is not None:

@@ -4,6 +4,7 @@ code, the observation, the likely cause and the remedy."""
 from __future__ import annotations
 
 from collections.abc import Iterable
+from typing import Final
 
 from drivers.mavlink.clock_sync import UNKNOWN_DELAY_NS, ClockSource
 from drivers.mavlink.session_types import LinkStatus
@@ -38,6 +39,10 @@ MIN_ATTITUDE_HZ = 10.0
 turn, and with [sync] max_gap_s = 0.15 a frame is dropped as soon as one attitude is lost."""
 MIN_RATE_SHARE = 0.8
 """Least share of a configured rate that arrives."""
+_WARNINGS: Final = frozenset(
+    {DiagnosticCode.UDP_FLOOD, DiagnosticCode.LINK_SLOW, DiagnosticCode.NO_TIMESYNC, DiagnosticCode.CLOCK_UNCERTAIN}
+)
+"""Diagnostics of the link that do not make all cameras blind."""
 LOW_FOR_NS = 3 * NS
 """The rate is measured over two seconds and must stay low for longer than it takes to settle after a start."""
 WELL_MEASURED_SHARE = 0.9
@@ -48,16 +53,19 @@ GROUND_FRAMES = 300
 def diagnostics_of(
     cameras: Iterable[CameraView], autopilot: AutopilotView | None, recording: RecordStatus | None, thread_fault: str
 ) -> list[Diagnostic]:
-    """The diagnostics of threads, cameras, link and recorder, in this order. thread_fault: the required threads that have
-    ended, or the one that does not respond, as text; empty: none."""
+    """The diagnostics of threads, cameras, link and recorder, in this order; a camera that works comes after what takes its attitude.
+    thread_fault: the required threads that have ended, or the one that does not respond, as text; empty: none."""
     views = list(cameras)
     found = [Diagnostic(DiagnosticCode.THREAD_STALLED, "", thread_fault)] if thread_fault else []
     if not views:
         text = "no camera is configured: add a [[camera]] to the configuration"
         found.append(Diagnostic(DiagnosticCode.NO_CAMERA_CONFIGURED, "", text))
-    for view in sorted((v for v in views if v.blind), key=lambda v: not v.required):
-        found.append(_unavailable(view))
-    found += _autopilot_diagnostics(autopilot)
+    blind = sorted((v for v in views if v.blind), key=lambda v: not v.required)
+    link = _autopilot_diagnostics(autopilot)
+    causes = [d for d in link if d.code not in _WARNINGS]
+    working = [v for v in blind if causes and v.status.condition is CameraCondition.RUNNING]
+    found += [_unavailable(v) for v in blind if v not in working]
+    found += [*causes, *map(_unavailable, working), *(d for d in link if d.code in _WARNINGS)]
     if recording is not None and recording.fault:
         found.append(Diagnostic(DiagnosticCode.RECORDING_FAULT, "", recording.fault))
     return found

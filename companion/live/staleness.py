@@ -51,8 +51,11 @@ class StalenessMonitor:
             return ""
         if status is not None and status.condition is not CameraCondition.RUNNING:
             if status.last_loss and status.condition in (CameraCondition.STARTING, CameraCondition.LOST):
-                return f"lost: {status.last_loss}"  # one text for all attempts to open it again: each change is logged
-            return f"{status.condition}: {status.cause}"
+                # one text for all attempts to open it again: each change is logged
+                return f"lost: {status.last_loss.removeprefix(f'camera {camera}: ')}"
+            if status.condition is CameraCondition.SILENT:
+                return status.cause  # says so
+            return f"{status.condition}: {status.cause.removeprefix(f'camera {camera}: ')}"
         if seen.cause:
             return seen.cause
         return f"the newest valid exposure is {(age_ns or 0) / NS:.1f} s old"

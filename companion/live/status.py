@@ -112,12 +112,12 @@ def _restarts(c: pb.CameraHealth) -> str:
         return ""
     count = "once" if c.starts == 2 else f"{c.starts - 1} times"
     last = f"last {_span(c.last_loss_age_ns)} ago: " if c.HasField("last_loss_age_ns") else "last cause: "
-    return f", process restarted {count}, {last}{c.last_loss}"
+    return f", process restarted {count}, {last}{c.last_loss.removeprefix(f'camera {c.camera}: ')}"
 
 
 def _autopilot_lines(a: pb.AutopilotHealth) -> list[str]:
     if not a.line_open:
-        return [f"autopilot: the link {a.address} is not open: {a.line_error}"]
+        return [f"autopilot: {a.address} is not open: {a.line_error.removeprefix(f'{a.address}: ')}"]
     if not a.autopilot:
         return [f"autopilot: no heartbeat on {a.address}"]
     source = {1: "not synchronised (arrival times only)", 2: "synchronised"}.get(a.clock.source, "unknown")

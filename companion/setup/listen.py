@@ -48,7 +48,7 @@ def autopilot_at(address: str, seconds: float, print_line: Callable[[str], None]
         wait_until(lambda: session.vehicle is not None, seconds)
         vehicle = session.vehicle
         if error := link.state.error:
-            print_line(f"{address} is not open: {error}")
+            print_line(f"{address} is not open: {error.removeprefix(f'{address}: ')}")
     finally:
         link.close()
     return None if vehicle is None else FoundAutopilot(address, f"{vehicle.autopilot}, system {vehicle.system_id}")

@@ -16,11 +16,11 @@ def test_one_text_for_a_change_and_never_a_stream() -> None:
     lines = []
     for tenth in range(600):  # blind every other tenth of a second for half a minute, then for good
         blind = (tenth < 300 and tenth % 2 == 0) or tenth >= 300
-        message = texts.due({"front": "silent: no notification of its process" if blind else ""}, NS + tenth * NS // 10)
+        message = texts.due({"front": "camera process silent for 0.6 s" if blind else ""}, NS + tenth * NS // 10)
         if message is not None:
             lines.append((tenth, message.severity, message.text))
     assert 1 <= len(lines) <= 16
-    assert lines[-1][2].startswith("OA: front blind: silent")
+    assert lines[-1][2].startswith("OA: front blind: camera process silent for 0.6 s")
     assert all(b[0] - a[0] >= 20 for a, b in itertools.pairwise(lines))
 
 

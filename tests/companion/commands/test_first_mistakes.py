@@ -110,7 +110,9 @@ def test_a_camera_that_is_opened_again_and_again_has_one_cause() -> None:
         seen.cause(
             "front",
             START_NS,
-            CameraStatus(camera="front", condition=condition, cause=cause, since_ns=0, last_loss="no OAK was found"),
+            CameraStatus(
+                camera="front", condition=condition, cause=cause, since_ns=0, last_loss="camera front: no OAK was found"
+            ),
         )
         for condition, cause in (
             (CameraCondition.LOST, "no OAK was found"),

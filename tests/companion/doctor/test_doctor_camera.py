@@ -53,6 +53,15 @@ def test_where_the_middle_is_not_measured_no_depth_is_stated() -> None:
     assert frames_finding("camera front", SECTION, frames).text.endswith("% of the pixels measured")
 
 
+@pytest.mark.parametrize(("kind", "remedy"), [("oak", "USB 3"), ("simulated", "this computer renders them too slowly")])
+def test_a_low_rate_has_the_remedy_of_the_kind_of_camera(kind: str, remedy: str) -> None:
+    """A simulated camera was to be connected to USB 3."""
+    section = CameraConfig(name="front", kind=kind, fps=60.0)
+    finding = frames_finding("camera front", section, frames_of(np.full((60, 80), 1500)))
+    assert finding.code == "camera_rate_low"
+    assert remedy in finding.text
+
+
 def test_one_frame_is_not_a_frame_rate() -> None:
     """A camera that opened just before the patience ended was reported with 0.0 Hz, and with the remedy of a USB 2 port."""
     finding = frames_finding("camera front", SECTION, frames_of(np.full((60, 80), 1500))[:1])

@@ -226,7 +226,7 @@ def test_the_fault_of_a_camera_is_reported_first_once_its_frames_are_old() -> No
     staleness.result(result(1000 * MS))
     ill = status(CameraCondition.SILENT, "no frame for 0.6 s")
     assert staleness.cause("front", 1100 * MS, ill) == ""
-    assert staleness.cause("front", 1600 * MS, ill) == "silent: no frame for 0.6 s"
+    assert staleness.cause("front", 1600 * MS, ill) == "no frame for 0.6 s"
 
 
 def test_the_newest_frame_is_the_one_with_the_newest_exposure_valid_or_not() -> None:

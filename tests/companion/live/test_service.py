@@ -213,7 +213,7 @@ def test_a_camera_process_that_hangs_is_reported_and_replaced(flying: Flying) ->
     pid = flying.live.camera_pids()["front"]
     begun_ns = time.monotonic_ns()
     os.kill(pid, signal.SIGSTOP)
-    flying.blind_frame("silent: no notification of its process", PATIENCE_S, begun_ns)
+    flying.blind_frame("camera process silent for", PATIENCE_S, begun_ns)
     assert until(lambda: flying.live.camera_pids().get("front", pid) != pid)
     flying.well()
     assert sum(not m.valid for m in flying.prisms.since(begun_ns)) > 2

@@ -20,7 +20,7 @@ from companion.cli import main
 from companion.diagnostic import Diagnostic, DiagnosticCode
 from companion.doctor import service_check
 from companion.live.diagnostics import diagnostics_of
-from companion.live.health import CameraView, state_of
+from companion.live.health import AutopilotView, CameraView, state_of
 from companion.live.health_stream import newest_health
 from companion.live.load_text import load_text
 from companion.live.status import status_lines
@@ -28,6 +28,8 @@ from companion.log.recorder import RecordStatus
 from companion.paths import folders
 from companion.streams.publisher import Publisher, Stream
 from drivers.base import BadData
+from drivers.mavlink.link import LinkState
+from drivers.mavlink.session import MavlinkSession
 from osape_client import run_folder as service_run
 from osape_client.proto import osape_v1_pb2 as pb
 
@@ -78,6 +80,16 @@ def test_restarts_of_a_camera_are_counted_and_dated() -> None:
     assert any(line.endswith("process restarted once, last 40 s ago: the cable is out") for line in status_lines(h))
     h.cameras[1].ClearField("last_loss_age_ns")  # an older service
     assert any(line.endswith("process restarted once, last cause: the cable is out") for line in status_lines(h))
+
+
+def test_address_and_camera_are_named_once() -> None:
+    """The errors of drivers begin with them, as did the lines."""
+    h = report()
+    h.autopilot.line_open, h.autopilot.line_error = False, "udpin:0.0.0.0:14540: Address already in use"
+    h.cameras[1].last_loss = "camera right: the device was lost"
+    lines = status_lines(h)
+    assert "autopilot: udpin:0.0.0.0:14540 is not open: Address already in use" in lines
+    assert any(line.endswith("process restarted 3 times, last 40 s ago: the device was lost") for line in lines)
 
 
 def test_no_fault_is_ok() -> None:
@@ -218,8 +230,10 @@ def test_keys_by_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> 
 # ---- what is wrong, and how bad it is -----------------------------------------------------------------------------
 
 
-def camera(name: str, blind: str = "", required: bool = True) -> CameraView:
-    status = CameraStatus(camera=name, condition=CameraCondition.RUNNING, cause="", since_ns=0)
+def camera(
+    name: str, blind: str = "", required: bool = True, condition: CameraCondition = CameraCondition.RUNNING
+) -> CameraView:
+    status = CameraStatus(camera=name, condition=condition, cause="", since_ns=0)
     return CameraView(status=status, required=required, blind=blind, age_ns=None, hz=0.0)
 
 
@@ -242,17 +256,33 @@ def test_the_whole_is_blind_when_a_required_camera_is_or_all_are(cameras: list[C
 
 def test_diagnostics_name_the_worst_first() -> None:
     found = diagnostics_of(
-        [camera("a", "silent: no frame for 0.6 s")],
+        [camera("a", "no frame for 0.6 s", condition=CameraCondition.SILENT)],
         None,
         RecordStatus(fault="recording stopped: full"),
         "the pipeline does not respond",
     )
     assert [(d.code, d.camera, d.text) for d in found] == [
         ("thread_stalled", "", "the pipeline does not respond"),
-        ("camera_unavailable", "a", "camera a is blind: silent: no frame for 0.6 s"),
+        ("camera_unavailable", "a", "camera a is blind: no frame for 0.6 s"),
         ("no_autopilot_configured", "", "no autopilot is configured: set [autopilot] address"),
         ("recording_fault", "", "recording stopped: full"),
     ]
+
+
+def test_a_camera_without_an_attitude_comes_after_the_cause_of_that() -> None:
+    """It stood first, and read as a fault of the camera."""
+    cameras = [
+        camera("a", "no attitude had arrived"),
+        camera("b", "no frame for 0.6 s", condition=CameraCondition.SILENT),
+    ]
+    status = MavlinkSession().status(0)
+    for is_open, cause in ((False, "link_closed"), (True, "no_heartbeat")):
+        link = LinkState(open=is_open, error="no such device", warning="this link is slow", alive_ns=0)
+        view = AutopilotView(address="x", link_state=link, status=status, attitude_age_ns=None)
+        found = diagnostics_of(cameras, view, None, "")
+        places = [(d.code, d.camera) for d in found]
+        assert places[:3] == [("camera_unavailable", "b"), (cause, ""), ("camera_unavailable", "a")]
+        assert places[3:] == ([("link_slow", "")] if is_open else [])
 
 
 def test_temperatures_are_those_of_the_sensors_that_work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

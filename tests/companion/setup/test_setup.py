@@ -332,3 +332,4 @@ def test_a_port_that_cannot_be_opened_is_named(tmp_path: Path, monkeypatch: pyte
     assert listen.find_autopilot([f"serial:{port}:57600"], said.append) is None
     _, cause = said
     assert cause.startswith(f"serial:{port}:57600 is not open: ")
+    assert cause.count(str(port)) == 1

@@ -196,14 +196,14 @@ def test_of_two_cameras_each_is_reported_for_itself(scripted: ScriptedService, p
             report.cameras.add(camera=camera, condition="running", required=True, info=info)
         scripted.publish_health(report)
         scripted.frame()
-        scripted.blind("silent: no notification of its process", "rear")
+        scripted.blind("camera process silent", "rear")
         now = update(page)
         return len(now["frames"]) == 2 and sum(not camera["blind"] for camera in now["cameras"]) == 1
 
     assert until(both)
     answer = update(page)
     text = {camera["name"]: camera["blind"] for camera in answer["cameras"]}
-    assert text == {"front": "", "rear": "silent: no notification of its process"}
+    assert text == {"front": "", "rear": "camera process silent"}
     names = list(text)
     status = {names[frame["c"]]: frame["status"] for frame in answer["frames"]}
     assert status == {"front": "VALID", "rear": "BLIND"}
