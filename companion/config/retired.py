@@ -7,16 +7,18 @@ from typing import Any
 
 from .retired_constants import CONSTANTS_OF, FORMER_DEFAULTS
 
+_LIVE_ONLY = ("publish", "service")
+
 
 def refused_values(content: Mapping[str, Any], *, in_log: bool = False) -> list[str]:
     """Values of retired keys that must not be ignored, with what to do about each. in_log: the default of the release before is
-    accepted, too, since a log holds every key."""
+    accepted, too, since a log holds every key, and so is each value of a section on which no result of a frame depends."""
     return [
         f"[{section}] {key} = {content[section][key]!r} is not available any more: it is a constant, {value:g}. "
         "Remove the line. A log recorded with it can be replayed by the version that recorded it"
         for section, key, value in _given(content)
         if content[section][key] != value
-        and not (in_log and FORMER_DEFAULTS.get((section, key)) == content[section][key])
+        and not (in_log and (section in _LIVE_ONLY or FORMER_DEFAULTS.get((section, key)) == content[section][key]))
     ]
 
 

@@ -322,6 +322,17 @@ def test_a_log_of_the_release_before_can_be_replayed() -> None:
         config_from_text(json.dumps(content))
 
 
+@pytest.mark.parametrize(("section", "key"), [("publish", "depth_hz"), ("service", "blind_hz")])
+def test_a_log_is_not_refused_for_what_no_frame_depends_on(section: str, key: str) -> None:
+    """A log of 0.1.0 recorded with another rate of the depth preview could not be replayed."""
+    text = (ROOT / "tests" / "data" / "config-0.1.0.json").read_text(encoding="utf-8")
+    content = json.loads(text)
+    content[section][key] = 10.0
+    assert config_from_text(json.dumps(content)) == config_from_text(text)
+    with pytest.raises(ConfigError):
+        config_from_text(json.dumps(content | {"sync": content["sync"] | {"held_samples": 100}}))
+
+
 def test_the_two_tables_of_the_algorithm_hold_each_parameter_once() -> None:
     names = [f.name for section in ("extractor", "expert") for f in fields_of(section)]
     assert sorted(names) == sorted(f.name for f in fields(Params))
