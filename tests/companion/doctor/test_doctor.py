@@ -96,6 +96,7 @@ def test_no_fault_is_found(live: Live, line: AutopilotLink, capsys: pytest.Captu
         "kernels",
     }
     assert set(findings) == parts
+    assert "_OPTION" not in findings["parameters"]["text"], "switches without a function are not listed"
     hidden = "MAV_x_FORWARD" if line.autopilot.profile.kind == PX4 else "MAV_CMD_DO_AUX_FUNCTION with function 40"
     assert hidden in findings["to check by hand"]["text"]
     assert line.change(lambda a: a.of_kind("PARAM_SET")) == []
