@@ -82,6 +82,7 @@ def test_nothing_is_free_while_two_services_publish(
             newest = client.latest()
             assert newest is not None
             assert newest.stale
+            assert "two services" in newest.cause
             assert newest.space.points(place).tolist() == [Occupancy.UNKNOWN]
         assert client.stats.conflicting == 6
         assert "two services" in client.stats.last_error

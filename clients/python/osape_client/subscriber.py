@@ -54,11 +54,13 @@ class UnavailableCamera:
 @dataclass(frozen=True, eq=False)
 class Message:
     """One message. content: osape.v1.PrismsFrame of one camera, or SurroundFrame of several. received_ns: the earliest time
-    at which it can have arrived, by `clock.clock_ns`; timeout_s: the age at which it becomes stale."""
+    at which it can have arrived, by `clock.clock_ns`; timeout_s: the age at which it becomes stale;
+    refused: why later messages were not used, in words; empty: none was refused."""
 
     content: pb.PrismsFrame | pb.SurroundFrame
     received_ns: int
     timeout_s: float = TIMEOUT_S
+    refused: str = ""
 
     @property
     def frame(self) -> str:
@@ -101,6 +103,8 @@ class Message:
     def cause(self) -> str:
         """Why nothing may be taken as free, in words; empty while the message is valid and the service sends. Of several cameras the
         causes of the unavailable ones."""
+        if self.refused:
+            return self.refused
         silence_s = (clock_ns() - self.received_ns) / NS
         if silence_s > max(self.timeout_s, SILENCE_S):
             return f"no message for {silence_s:.1f} s; does the service run?"
@@ -294,7 +298,7 @@ class Subscriber(StreamSubscriber):
         self.stats.conflicting += 1
         self.stats.last_error = f"{self.address}: {CONFLICT_TEXT}"
         if self._newest is not None:
-            self._newest = replace(self._newest, timeout_s=0.0)
+            self._newest = replace(self._newest, timeout_s=0.0, refused=CONFLICT_TEXT)
 
     def _count_undecodable(self, error: str) -> None:
         self.stats.undecodable += 1
