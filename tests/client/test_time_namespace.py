@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from osape_client import boot
 from osape_client.boot import boot_id
 
 from .test_cpp_subscriber import compiled
@@ -66,3 +67,13 @@ def test_two_programs_of_one_namespace_have_one_clock() -> None:
     both = inside(["sh", "-c", f"'{sys.executable}' -c '{print_twice}'; '{sys.executable}' -c '{print_twice}'"])
     one, other = both.split()
     assert one == other != boot_id()
+
+
+def test_the_clocks_of_an_older_kernel_are_no_offsets(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Linux 5.6 names them by their numbers. The library for C++ leaves the names out too."""
+    expected = boot_id()
+    monkeypatch.setattr(boot, "OFFSETS_FILE", tmp_path / "offsets")
+    boot.OFFSETS_FILE.write_text("1 0 0\n7 0 0\n")
+    assert boot_id.__wrapped__() == expected
+    boot.OFFSETS_FILE.write_text("1 0 0\n7 -1 0\n")
+    assert boot_id.__wrapped__() == f"{expected}+0.0.-1.0"

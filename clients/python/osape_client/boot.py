@@ -24,7 +24,7 @@ def boot_id() -> str:
 def _offsets() -> str:
     """The offsets of the time namespace of this process, such as +0.0.100.0; empty: it has none."""
     try:
-        numbers = [word for word in OFFSETS_FILE.read_text().split() if not word.isalpha()]
+        numbers = [n for line in OFFSETS_FILE.read_text().splitlines() for n in line.split()[1:]]
     except OSError:  # an older kernel has no time namespaces
         return ""
     return "" if set(numbers) <= {"0"} else "+" + ".".join(numbers)
