@@ -106,6 +106,8 @@ class Ros2Bridge:
             self._report(service_part(health, silence), cameras)
         self._unavailable = unavailable
         address = self.subscriber.streams.prisms
+        if silence and silence == self.subscriber.conflict:
+            return f"{address}: {silence}"
         return f"no message from the service on {address}: check that it runs (companion status)" if silence else ""
 
     def _report(self, service: Part, cameras: list[dict[str, Any]]) -> None:

@@ -59,7 +59,7 @@ def is_removed(subscriber: LiveSubscriber, name: str, now_ns: int) -> bool:
 
 
 def silence_text(subscriber: LiveSubscriber, now_ns: int) -> str:
-    """That the service sends nothing, as text; empty: it sends."""
+    """That the service sends nothing, or two do, as text; empty: one sends."""
     if not subscriber.running:
         return "companion view does not receive any more: restart it"
     if subscriber.health is None:
@@ -68,7 +68,7 @@ def silence_text(subscriber: LiveSubscriber, now_ns: int) -> str:
     quiet_s = (now_ns - newest_ns) / NS
     if now_ns - newest_ns > TIMEOUT_S * NS and any(c.received_ns for c in subscriber.cameras.values()):
         return f"no message from the service for {quiet_s:.1f} s: check that it runs (companion status)"
-    return ""
+    return subscriber.conflict
 
 
 def service_status(subscriber: LiveSubscriber, now_ns: int) -> dict[str, Any]:

@@ -10,6 +10,7 @@ import threading
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import zmq
 from google.protobuf.message import DecodeError, Message
@@ -21,6 +22,7 @@ from osape_client.connect import connect
 from osape_client.proto import osape_v1_pb2 as pb
 from osape_client.receive_time import Delays, TimedSocket, age_ns
 from osape_client.run_folder import run_folder
+from osape_client.sources import CONFLICT_TEXT, Sources, Verdict
 
 from ..config.service import PublishConfig
 from .live_camera import NS, Camera
@@ -69,12 +71,13 @@ class LiveSubscriber:
         self.health_ns = 0
         self.number = 0
         self.undecodable = ""
+        self.conflict = ""  # that frames of two services arrive, of which none is used
         self.on_message: Callable[[Message, CameraInfo | None], None] | None = None
         self.begun_ns = clock_ns()
         self._watched_ns = self._depth_since_ns = 0
         self._stop = threading.Event()
         self._context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
-        self._receivers: dict[zmq.Socket[bytes], tuple[TimedSocket, type[Message]]] = {}
+        self._receivers: dict[zmq.Socket[bytes], tuple[TimedSocket, type[Message], Sources]] = {}
         self._frame_delays, self._preview_delays = Delays(), Delays()
         self._depth: zmq.Socket[bytes] | None = None
         self._thread = threading.Thread(target=self._run, name="feed", daemon=True)
@@ -94,7 +97,7 @@ class LiveSubscriber:
             if not address:
                 continue
             socket = self._context.socket(zmq.SUB)
-            self._receivers[socket] = TimedSocket(socket, address), kind
+            self._receivers[socket] = TimedSocket(socket, address), kind, Sources()
             socket.setsockopt(zmq.LINGER, 0)
             socket.setsockopt(zmq.RCVHWM, 20)
             if name == "depth":
@@ -156,8 +159,8 @@ class LiveSubscriber:
             now_ns = clock_ns()
             self._subscribe_depth(now_ns)
             with self.changed:
-                for receiver, kind in self._receivers.values():
-                    self._take(receiver, kind, now_ns)
+                for receiver, kind, sources in self._receivers.values():
+                    self._take(receiver, kind, sources, now_ns)
                 for camera in self.cameras.values():
                     if camera.choose(now_ns, self.number + 1):
                         self.number += 1
@@ -173,7 +176,7 @@ class LiveSubscriber:
             self._depth.setsockopt(zmq.UNSUBSCRIBE, b"")
             self._depth_since_ns = 0
 
-    def _take(self, receiver: TimedSocket, kind: type[Message], now_ns: int) -> None:
+    def _take(self, receiver: TimedSocket, kind: type[Message], sources: Sources, now_ns: int) -> None:
         """Takes all waiting messages of a socket. A message that waited while this process was blocked gets its largest
         possible age."""
         while (taken := receiver.take()) is not None:
@@ -189,11 +192,20 @@ class LiveSubscriber:
             except DecodeError as error:
                 self.undecodable = f"{len(data)} bytes that cannot be decoded as {kind.DESCRIPTOR.name} ({error})"
                 continue
+            if not isinstance(message, pb.Health) and not self._is_of_one_service(message, sources, arrival_ns):
+                continue
             self._add(message, now_ns, arrival_ns)
             on_message = self.on_message
             if on_message is not None:
                 known = self.cameras.get(getattr(message, "camera", ""))
                 on_message(message, None if known is None else known.info)
+
+    def _is_of_one_service(self, message: Any, sources: Sources, arrival_ns: int) -> bool:
+        """False: the message is of a service that has ended, or of one of two."""
+        verdict = sources.take(message.publication, message.t_exposure_ns, arrival_ns)
+        if isinstance(message, pb.PrismsFrame):
+            self.conflict = CONFLICT_TEXT if verdict is Verdict.CONFLICT else ""
+        return verdict is Verdict.USED
 
     def _add(self, message: Message, now_ns: int, arrival_ns: int) -> None:
         if isinstance(message, pb.Health):

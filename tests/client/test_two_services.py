@@ -10,7 +10,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 import zmq
+from google.protobuf.message import Message
 
+from companion.viewer.live_status import silence_text
+from companion.viewer.subscriber import LiveSubscriber, Streams
 from osape_client import NeighboursSubscriber, Occupancy, Subscriber, TracksSubscriber, WorldMirror, sources
 from osape_client.boot import boot_id
 from osape_client.clock import clock_ns
@@ -172,6 +175,33 @@ def test_tracks_and_neighbours_of_two_services_are_not_used(proxy: Proxy, pair: 
             proxy.send(neighbours, service)
             assert until(lambda count=count: (other.newest(wait_s=0.05), other.conflicting == count)[1], 60.0)
             assert other.newest().t_ns in (newest_ns, 0)
+
+
+@PAIRS
+def test_the_page_and_ros_do_not_show_them(proxy: Proxy, pair: tuple[Service, Service]) -> None:
+    """The obstacles of one vehicle would be published in ROS as those of the other."""
+    content, (one, two) = a_frame(), pair
+    used: list[Message] = []
+    subscriber = LiveSubscriber(Streams(prisms=proxy.address, health="", depth=""))
+    subscriber.on_message = lambda message, _: used.append(message)
+    subscriber.open()
+    try:
+        assert until(lambda: (proxy.send(content, one), time.sleep(0.05), used)[2], 60.0)
+        number = proxy.numbers[one]
+        assert until(lambda: used[-1].publication.number == number, 60.0)
+        proxy.send(content, two)
+        assert until(lambda: used[-1].publication.boot_id == two[0] and used[-1].publication.start_ns == two[1], 60.0)
+        count = len(used)
+        for service in (one, two):
+            proxy.send(content, service)
+        assert until(lambda: "two services" in subscriber.conflict, 60.0)
+        subscriber.health, subscriber.health_ns = pb.Health(), clock_ns()
+        assert "two services" in silence_text(subscriber, clock_ns())
+        proxy.send(content, one)
+        time.sleep(0.3)
+        assert len(used) == count
+    finally:
+        subscriber.close()
 
 
 STEPS = """

@@ -252,7 +252,7 @@ bool Subscriber::is_newer(const osape::v1::PrismsFrame& frame) const {
 // Two services publish: makes the newest message stale, which may be that of another vehicle.
 void Subscriber::refuse_all() {
   ++stats_.conflicting;
-  stats_.last_error = address_ + ": two services publish to this address; nothing of either is used";
+  stats_.last_error = address_ + ": two services publish to this address; nothing of either is used: connect to that of this vehicle alone";
   if (newest_) newest_->timeout_s = 0.0;
 }
 

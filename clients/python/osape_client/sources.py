@@ -14,7 +14,7 @@ from .receive_time import earliest_sent_ns
 
 CONFLICT_NS = 10_000_000_000
 _MOST_FORMER = 16
-CONFLICT_TEXT = "two services publish to this address; nothing of either is used"
+CONFLICT_TEXT = "two services publish to this address; nothing of either is used: connect to that of this vehicle alone"
 
 
 class Verdict(Enum):

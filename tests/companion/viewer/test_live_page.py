@@ -23,6 +23,7 @@ from core.types import CameraInfo
 from drivers.logs.codec import camera_message
 from osape_client.clock import clock_ns
 from osape_client.proto import osape_v1_pb2 as pb
+from osape_client.sources import Sources
 from tests.waiting import PATIENCE_S, until
 
 from ..scripted_service import WALL, YAW_RAD, ScriptedService
@@ -126,7 +127,7 @@ class Waiting:
 def test_a_report_that_waited_is_not_current(page: LivePage) -> None:
     subscriber = page.subscriber
     with subscriber.changed:
-        subscriber._take(cast(Any, Waiting()), pb.Health, clock_ns())
+        subscriber._take(cast(Any, Waiting()), pb.Health, Sources(), clock_ns())
     service = update(page)["service"]
     assert service["age_s"] >= 60.0
     assert "no health report" in service["missing"][0]
