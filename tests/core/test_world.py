@@ -306,6 +306,13 @@ def test_frames_of_a_second_camera_that_are_read_later_begin_no_section() -> Non
     assert (world.counts.sections, world.counts.late) == (1, 0)
 
 
+def test_a_frame_that_is_read_late_does_not_make_an_earlier_one_recent() -> None:
+    walls, world = np.array([wall(30.0, -4.0, 30.0, 4.0)]), World()
+    for back_s, late in ((0.0, 0), (0.8, 0), (1.5, 1)):
+        world.add(seen(walls, (0.0, 0.0), 0.0, round((10.0 - back_s) * NS)))
+        assert world.counts.late == late
+
+
 @pytest.mark.parametrize("back_s", [[2.0], [9.0], [9.0, 8.5, 8.1]])
 def test_frames_of_the_past_change_nothing(back_s: list[float]) -> None:
     """A second camera whose stamps are wrong, or whose frames are read late: its frames end no section and free nothing."""

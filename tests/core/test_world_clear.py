@@ -94,3 +94,28 @@ def test_what_a_frame_observes_elsewhere_is_no_evidence(heading_rad: float, top_
     after = world.picture((1 + CLEAR_LIMIT) * STEP).planes
     assert len(before) == 1
     assert len(after) == 0 if gone else np.array_equal(after, before)
+
+
+@pytest.mark.parametrize(("bottom_m", "gone"), [(-1.2, True), (0.0, False)])
+def test_a_frame_exposed_later_keeps_a_plane_by_what_it_observed_at_its_heights(bottom_m: float, gone: bool) -> None:
+    """The clear frames are read late. The frames exposed after them observed an obstacle there, down to bottom_m."""
+    world, walls = World(), np.array([wall(RANGE_M, -0.5, RANGE_M, 0.5, -1.0, 3.0)])
+    world.add(seen(walls, (0.0, 0.0), 0.0, 0))
+    for k in range(1, 1 + CLEAR_LIMIT):
+        obstacle = seen(np.array([wall(RANGE_M, -0.5, RANGE_M, 0.5, -3.0, bottom_m)]), (0.0, 0.0), 0.0, 2 * k * STEP)
+        nothing_free = replace(obstacle.model.free, free_to_m=np.zeros_like(obstacle.model.free.free_to_m))
+        world.add(replace(obstacle, model=replace(obstacle.model, free=nothing_free)))
+        world.add(seen(np.zeros((0, 6)), (0.0, 0.0), 0.0, (2 * k - 1) * STEP))
+    planes = world.picture(2 * CLEAR_LIMIT * STEP).planes
+    assert (planes[:, 5].max() < 0.0) == gone
+
+
+@pytest.mark.parametrize(("turn_deg", "planes"), [(15.0, 1), (30.0, 2)])
+def test_two_planes_that_cross_are_one_if_they_are_almost_parallel(turn_deg: float, planes: int) -> None:
+    """1.2 m long: their ends lie within 0.16 m of the line between them."""
+    world = World()
+    for k, sign in enumerate((1.0, -1.0)):
+        half = np.deg2rad(0.5 * sign * turn_deg)
+        x, y = 0.6 * np.sin(half), 0.6 * np.cos(half)
+        world.add(seen(np.array([wall(RANGE_M - x, -y, RANGE_M + x, y)]), (0.0, 0.0), 0.0, k * STEP))
+    assert len(world.picture(STEP).planes) == planes
