@@ -35,6 +35,8 @@ _STATE: Final = struct.Struct("<iiihHHHiihhhhB")
 _MOVER: Final = struct.Struct("<Hhhh3B2b3B")
 _MOTION: Final = struct.Struct("<hhh3b")
 MOTION_BYTES: Final = _MOTION.size
+STATE_BYTES: Final = _HEADER.size + _STATE.size
+"""Of a whole packet."""
 MOVERS_PER_TUNNEL: Final = (TUNNEL_BYTES - _HEADER.size - _ANCHOR.size) // _MOVER.size
 OVERHEAD_BYTES: Final = _HEADER.size + _ANCHOR.size
 MOST_BYTES: Final = 4096

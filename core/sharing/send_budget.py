@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from dataclasses import dataclass
+
+from .packet_codec import STATE_BYTES
 
 NS = 1_000_000_000
 WINDOW_S = 10.0
 WINDOW_NS = 10 * NS
-OWN_BYTES = 60
-"""Of a window, kept for the own state and motion, which are sent without asking for room."""
 BURST_S = 0.6
 """The budget of this time may be sent at once."""
+PACKET_S = 2.0
+"""A packet is not larger than the budget of this time."""
 RESERVE = 0.5
 """Share of that which is kept for new planes while others are repeated, at most that of half a packet."""
 
@@ -27,8 +30,9 @@ class Budget:
 
 
 class SentBytes:
-    """Bytes that were sent: a token bucket, and the sum of the last WINDOW_S. In no window of WINDOW_S more than the budget is
-    sent."""
+    """Bytes that were sent: a token bucket, and the sum of the last WINDOW_S. In no window of WINDOW_S more than the budget is sent,
+    but for one packet where a new section begins. If all is used, a burst leaves a pause WINDOW_S later, in which only the own state
+    and motion are sent, once per second and without asking for room: a part of the budget is kept for them."""
 
     def __init__(self, budget: Budget, begun_ns: int) -> None:
         packet_bytes = budget.packet_bytes + budget.overhead_bytes
@@ -36,7 +40,9 @@ class SentBytes:
         self._most = max(BURST_S * budget.bytes_per_s, 1.25 * packet_bytes)
         self._reserve = min(RESERVE * self._most, 0.25 * packet_bytes)
         self._tokens, self._now_ns = self._most, begun_ns
-        self._left_bytes = WINDOW_S * budget.bytes_per_s - OWN_BYTES
+        state_bytes = STATE_BYTES + budget.overhead_bytes
+        longest_pause_s = (self._most + state_bytes) / budget.bytes_per_s
+        self._left_bytes = WINDOW_S * budget.bytes_per_s - math.ceil(longest_pause_s) * state_bytes
         self._recent: deque[tuple[int, int]] = deque()
 
     def follow(self, now_ns: int) -> None:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,7 +33,7 @@ from .packet_codec import (
 )
 from .plane_codec import LONG, SHORT, Anchor
 from .records import PLANE_IDS, Header, Motion, PacketError, SharedMover, SharedPlanes, VehicleState
-from .send_budget import Budget, SentBytes
+from .send_budget import PACKET_S, Budget, SentBytes
 
 NS = 1_000_000_000
 REPEATS = 2
@@ -75,6 +75,8 @@ class SendQueue:
     """Chooses packets. vehicle: own number; stream: number of this start, greater than that of each earlier start."""
 
     def __init__(self, vehicle: int, stream: int, begun_ns: int, budget: Budget) -> None:
+        most_bytes = round(PACKET_S * budget.bytes_per_s) - budget.overhead_bytes
+        budget = replace(budget, packet_bytes=min(budget.packet_bytes, most_bytes))
         self._vehicle, self._stream, self._begun_ns, self._budget = vehicle, stream, begun_ns, budget
         self._boxes = np.zeros((PLANE_IDS, 6))
         self._times = np.zeros(PLANE_IDS, np.int32)

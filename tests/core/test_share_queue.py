@@ -78,6 +78,32 @@ def test_the_budget_is_used_and_held_in_every_window() -> None:
     assert sum(windows[100:]) / len(windows[100:]) >= 0.95 * 3000
 
 
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("bytes_per_s", [150.0, 300.0, 420.0, 1000.0])
+def test_the_budget_holds_in_every_window_whatever_is_offered(bytes_per_s: float, seed: int) -> None:
+    """Bursts and rests in turns. The own state and motion are sent in the pauses, too."""
+    rng = np.random.default_rng(seed)
+    queue, sent = SendQueue(1, 5, 0, replace(THIN, bytes_per_s=bytes_per_s)), [0]
+    begin, count = 0, 30
+    for k in range(1000):
+        if rng.random() < 0.04:
+            begin, count = int(rng.integers(3000)), int(rng.choice([0, 1, 5, 30, 100, 300]))
+        movers = tuple(mover(float(i)) for i in range(rng.choice([0, 0, 3, 9])))
+        queue.packets(replace(offer(walls(count, begin=begin)), movers=movers), k * STEP_NS)
+        sent.append(queue.sent_bytes)
+    windows = np.array(sent[100:]) - np.array(sent[:-100])
+    assert windows.max() <= 10.0 * bytes_per_s
+
+
+def test_new_planes_do_not_wait_for_a_packet_that_is_larger_than_the_budget() -> None:
+    """Packets of zenoh hold more than the least budget of ten seconds."""
+    queue = SendQueue(1, 5, 0, Budget(bytes_per_s=100.0, overhead_bytes=50, packet_bytes=1400))
+    sent = flown(queue, offer(walls(300)), 20.0)
+    assert sent
+    assert sent[0][0] <= 2.0
+    assert len({number for _, number in sent}) >= 10
+
+
 def test_few_planes_in_rest_need_little() -> None:
     queue = SendQueue(1, 5, 0, THIN)
     given = offer(walls(20))
