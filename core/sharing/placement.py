@@ -15,6 +15,9 @@ WGS84_A_M, WGS84_F = 6_378_137.0, 1.0 / 298.257_223_563
 SCALE_SIGMA = 0.0035
 """Half of the greatest error of the scale of a local frame. Autopilots compute it on a sphere: PX4 of 6371.0 km, ArduPilot of 6378.1 km,
 where the radius of curvature is 6335 to 6400 km."""
+KINDS_SIGMA = 0.0007
+"""Half of the greatest difference between the frames of autopilots of two kinds, per distance from the origin: both spheres, and that
+ArduPilot takes meridians as parallel."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -64,12 +67,13 @@ def placement_by_position(own: LocalFrame, other: LocalFrame, pivot_m: tuple[flo
     apart = _ecef(other) - _ecef(own)
     x, y, _ = own_axes @ (apart + other_axes.T @ np.array([*pivot_m[:2], 0.0]))
     turned = own_axes @ other_axes.T
+    projected_m = SCALE_SIGMA * float(np.linalg.norm(apart)) + KINDS_SIGMA * math.hypot(*pivot_m[:2])
     return Placement(
         yaw_rad=math.atan2(turned[1, 0] - turned[0, 1], turned[0, 0] + turned[1, 1]),
         pivot_m=pivot_m,
         # heights are differences of altitudes, over the curved Earth
         at_m=(float(x), float(y), pivot_m[2] + own.altitude_m - other.altitude_m),
-        sigma_m=math.hypot(own.sigma_m, other.sigma_m, SCALE_SIGMA * float(np.linalg.norm(apart))),
+        sigma_m=math.hypot(own.sigma_m, other.sigma_m, projected_m),
         sigma_z_m=math.hypot(own.sigma_z_m, other.sigma_z_m),
         sigma_yaw_rad=math.hypot(own.sigma_yaw_rad, other.sigma_yaw_rad),
     )

@@ -36,7 +36,8 @@ def test_frames_by_their_origins() -> None:
     got = placed.points(np.array([[0.0, 0.0, 0.0], [10.0, 0.0, -5.0]]))
     assert got[0] == pytest.approx([120.0, -45.0, -6.0], abs=0.02)
     assert got[1] == pytest.approx([120.0 + 10 * math.cos(0.3), -45.0 + 10 * math.sin(0.3), -11.0], abs=0.02)
-    assert placed.sigma_m == pytest.approx(math.hypot(3.0, 3.0, 0.0035 * math.hypot(120.0, 45.0, 6.0)), abs=1e-4)
+    projected_m = 0.0035 * math.hypot(120.0, 45.0, 6.0) + 0.0007 * 10.0
+    assert placed.sigma_m == pytest.approx(math.hypot(3.0, 3.0, projected_m), abs=1e-4)
 
 
 def test_an_own_frame_that_is_turned() -> None:
