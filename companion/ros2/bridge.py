@@ -14,6 +14,7 @@ from google.protobuf.message import Message
 from core.types import CameraInfo
 from osape_client.clock import clock_ns
 from osape_client.proto import osape_v1_pb2 as pb
+from osape_client.sources import CONFLICT_TEXT
 from osape_client.subscriber import TIMEOUT_S
 
 from ..pipeline.encode import prisms_from_message
@@ -106,7 +107,7 @@ class Ros2Bridge:
             self._report(service_part(health, silence), cameras)
         self._unavailable = unavailable
         address = self.subscriber.streams.prisms
-        if silence and silence == self.subscriber.conflict:
+        if silence == CONFLICT_TEXT:
             return f"{address}: {silence}"
         return f"no message from the service on {address}: check that it runs (companion status)" if silence else ""
 

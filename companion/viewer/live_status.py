@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from osape_client.decode import cause_code
+from osape_client.sources import CONFLICT_TEXT
 from osape_client.subscriber import TIMEOUT_S
 
 from ..live.health import STATES
@@ -62,13 +63,15 @@ def silence_text(subscriber: LiveSubscriber, now_ns: int) -> str:
     """That the service sends nothing, or two do, as text; empty: one sends."""
     if not subscriber.running:
         return "companion view does not receive any more: restart it"
+    if subscriber.conflict_ns and now_ns - subscriber.conflict_ns <= TIMEOUT_S * NS:
+        return CONFLICT_TEXT
     if subscriber.health is None:
         return f"no message from the service on {subscriber.streams.health}: check that it runs (companion status)"
     newest_ns = max([subscriber.health_ns, *(c.received_ns for c in subscriber.cameras.values())])
     quiet_s = (now_ns - newest_ns) / NS
     if now_ns - newest_ns > TIMEOUT_S * NS and any(c.received_ns for c in subscriber.cameras.values()):
         return f"no message from the service for {quiet_s:.1f} s: check that it runs (companion status)"
-    return subscriber.conflict
+    return ""
 
 
 def service_status(subscriber: LiveSubscriber, now_ns: int) -> dict[str, Any]:

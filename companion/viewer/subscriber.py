@@ -22,7 +22,7 @@ from osape_client.connect import connect
 from osape_client.proto import osape_v1_pb2 as pb
 from osape_client.receive_time import Delays, TimedSocket, age_ns
 from osape_client.run_folder import run_folder
-from osape_client.sources import CONFLICT_TEXT, Sources, Verdict
+from osape_client.sources import Sources, Verdict
 
 from ..config.service import PublishConfig
 from .live_camera import NS, Camera
@@ -71,7 +71,7 @@ class LiveSubscriber:
         self.health_ns = 0
         self.number = 0
         self.undecodable = ""
-        self.conflict = ""  # that frames of two services arrive, of which none is used
+        self.conflict_ns = 0  # when a frame last arrived that was not used because there are two services; 0: never
         self.on_message: Callable[[Message, CameraInfo | None], None] | None = None
         self.begun_ns = clock_ns()
         self._watched_ns = self._depth_since_ns = 0
@@ -203,8 +203,8 @@ class LiveSubscriber:
     def _is_of_one_service(self, message: Any, sources: Sources, arrival_ns: int) -> bool:
         """False: the message is of a service that has ended, or of one of two."""
         verdict = sources.take(message.publication, message.t_exposure_ns, arrival_ns)
-        if isinstance(message, pb.PrismsFrame):
-            self.conflict = CONFLICT_TEXT if verdict is Verdict.CONFLICT else ""
+        if isinstance(message, pb.PrismsFrame) and verdict is Verdict.CONFLICT:
+            self.conflict_ns = clock_ns()
         return verdict is Verdict.USED
 
     def _add(self, message: Message, now_ns: int, arrival_ns: int) -> None:
