@@ -131,6 +131,22 @@ def test_what_a_reader_needs_goes_by_the_reader_and_not_by_the_policy(
         assert older.faces_m(NS)[0] < 3.0
 
 
+@pytest.mark.parametrize(
+    ("kind", "filled"),
+    [("ArduPilot", 1199), ("ArduPilot or PX4", WALL + 1), ("autopilot 8", WALL + 1), ("PX4", UNKNOWN)],
+)
+def test_an_empty_face_between_two_obstacles_is_filled_in_the_report(kind: str, filled: int) -> None:
+    """By the wall of the policy, rounded away from the vehicle, where the kind is not certain: not only in `for_reader`."""
+    found = model(wall_at(30.0, 4.0), wall_at(330.0, 10.0), view_deg=72.0)
+    chain = Chain(found, replace(AVOID, unseen="unknown"))
+    chain.fly(1.0)
+    values = chain.report(AutopilotNow(kind=kind, margin_m=3.0)).values
+    assert values is not None
+    front = [*values[68:], *values[:5]]
+    assert min(front) == filled
+    assert front.count(UNKNOWN) == len(front) - (filled != UNKNOWN)
+
+
 @pytest.mark.parametrize("place", [0, 3, "margin"])
 @pytest.mark.parametrize("value", [math.nan, math.inf])
 def test_planes_that_are_no_numbers_hide_nothing(place: int | str, value: float) -> None:

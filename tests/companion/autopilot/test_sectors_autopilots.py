@@ -171,6 +171,7 @@ def test_both_corners_of_a_face_are_as_near_as_its_obstacle_whatever_is_in_the_o
         ("autopilot 8", 302, 302),
         ("ArduPilot or PX4", 302, 302),
         ("ArduPilot or PX4", 0, UNKNOWN),
+        ("ArduPilot or PX4", 2000, 1199),  # farther it would mean clear
         ("PX4", 302, UNKNOWN),
     ],
 )
