@@ -30,7 +30,13 @@ class AutopilotConfig:
         "serial:/dev/serial/by-id/NAME:BAUD (without BAUD: 921600), udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT "
         "(IPv6 in brackets); empty: none",
     )
-    system_id: int = number(0, 0, 255, "", "system id of the vehicle; 0: taken from its heartbeat")
+    system_id: int = number(
+        0,
+        0,
+        255,
+        "",
+        "system id of the vehicle; 0: taken from its heartbeat, and all cameras are blind while several vehicles are received",
+    )
     component_id: int = number(
         196, 2, 255, "", "component id of the service; 196 is obstacle avoidance, 1 is the autopilot itself"
     )

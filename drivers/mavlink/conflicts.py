@@ -150,8 +150,8 @@ class ConflictDetector:
         if not configured and (len(vehicles) > 1 or self._replaced):
             used = "no attitude is used" if len(vehicles) > 1 else "the present one is used"
             texts_by_topic["several vehicles"] = (
-                f"autopilots of several system ids: {', '.join(map(str, vehicles)) or 'none now'}; it is not known which one "
-                f"carries this computer, {used}; set [autopilot] system_id to it and restart the service"
+                f"several vehicles, set system_id: received now {', '.join(map(str, vehicles)) or 'none'}; it is not known which "
+                f"one carries this computer, {used}; set [autopilot] system_id to it and restart the service"
             )
         others = sorted(s for s, at_ns in self._left_out.items() if _recent(at_ns, now_ns))
         if configured and others and not connected:

@@ -29,6 +29,16 @@ NO_VEHICLES = frozenset(
         dialect.MAV_TYPE_ADSB,
         dialect.MAV_TYPE_CAMERA,
         dialect.MAV_TYPE_CHARGING_STATION,
+        dialect.MAV_TYPE_FLARM,
+        dialect.MAV_TYPE_SERVO,
+        dialect.MAV_TYPE_ODID,
+        dialect.MAV_TYPE_BATTERY,
+        dialect.MAV_TYPE_PARACHUTE,
+        dialect.MAV_TYPE_LOG,
+        dialect.MAV_TYPE_OSD,
+        dialect.MAV_TYPE_IMU,
+        dialect.MAV_TYPE_GPS,
+        dialect.MAV_TYPE_WINCH,
     }
 )
 """MAV_TYPE of what does not fly, and may nevertheless have component 1. ArduPilot's antenna tracker has an attitude of its own."""

@@ -89,9 +89,10 @@ def test_no_attitude_is_used_while_several_vehicles_are_received_and_none_is_con
         assert not c.session.status(c.now_ns).vehicle_uncertain
 
 
-@pytest.mark.parametrize("vehicle_type", [dialect.MAV_TYPE_ANTENNA_TRACKER, dialect.MAV_TYPE_GCS])
+@pytest.mark.parametrize("vehicle_type", [5, 6, 18, 26, 27, *range(30, 35), *range(36, 43)])
 def test_what_is_no_vehicle_is_not_taken_for_one(vehicle_type: int) -> None:
-    """ArduPilot's antenna tracker has component 1 and an attitude of its own."""
+    """ArduPilot's antenna tracker has component 1 and an attitude of its own; a receiver of other traffic or a logger with component
+    1 would make all cameras blind."""
     tracker = dialect.MAVLink(None, 200, 1)
     session = MavlinkSession()
     beat = dialect.MAVLink_heartbeat_message(vehicle_type, dialect.MAV_AUTOPILOT_ARDUPILOTMEGA, 0, 0, 4, 3)

@@ -43,6 +43,11 @@ def test_a_conflict_is_sent_in_full_when_it_begins_and_ends(topic: str) -> None:
     assert len(f"OA: cleared: {head}") <= MOST_CHARACTERS
 
 
+def test_the_text_of_several_vehicles_names_the_key_that_ends_it() -> None:
+    """All cameras are blind until it is set, and the pilot receives nothing but the part before the first colon."""
+    assert "set system_id" in all_conflicts()["several vehicles"].split(":")[0]
+
+
 @pytest.mark.parametrize("kind", [PX4, ARDUPILOT])
 def test_unused_obstacles_are_sent_in_full(kind: str) -> None:
     assert kind in CAUSES
