@@ -39,6 +39,7 @@ class ConflictDetector:
         self._doubles_ns: int | None = None
         self._left_out: OrderedDict[int, int] = OrderedDict()
         self._vehicles: OrderedDict[int, int] = OrderedDict()
+        self._kinds: dict[int, str] = {}  # of the vehicles, by system id
         self._replaced = False
         self._kind = ""
         self._contradiction_ns: int | None = None
@@ -78,9 +79,10 @@ class ConflictDetector:
         """Records an autopilot that is ignored because its system id is not the configured one."""
         _remember(self._left_out, system, now_ns)
 
-    def vehicle(self, system: int, now_ns: int) -> None:
+    def vehicle(self, system: int, kind: str, now_ns: int) -> None:
         """Records an autopilot that counts now, or a heartbeat of one whose system id the configuration does not exclude."""
         _remember(self._vehicles, system, now_ns)
+        self._kinds[system] = kind
 
     def several_vehicles(self, now_ns: int) -> bool:
         """Returns whether several autopilots were received whose system ids the configuration does not exclude: it is not known which
@@ -93,12 +95,16 @@ class ConflictDetector:
     def kind(self, kind: str, now_ns: int) -> str:
         """Returns the kind to use for an autopilot whose heartbeat reports `kind`.
 
-        It contains both names while heartbeats contradict each other, so that only what is safe for both kinds is
-        sent."""
+        It contains both names while heartbeats contradict each other, and those of all vehicles that may be the own one, so that
+        only what is safe for each kind is sent."""
         if self._kind and kind != self._kind:
-            self._contradiction_ns, self._contradicting = now_ns, " or ".join(sorted({kind, self._kind}))
+            self._contradiction_ns, self._contradicting = now_ns, _either([kind, self._kind])
         self._kind = kind
-        return self._contradicting if _recent(self._contradiction_ns, now_ns) else kind
+        return self.kind_of_all(self._contradicting if _recent(self._contradiction_ns, now_ns) else kind, now_ns)
+
+    def kind_of_all(self, kind: str, now_ns: int) -> str:
+        """Returns a kind with those of all vehicles that may be the own one."""
+        return _either([kind, *(self._kinds[system] for system in self._recent_vehicles(now_ns))])
 
     def another(self) -> None:
         """Records that another vehicle is used from now on."""
@@ -160,6 +166,11 @@ class ConflictDetector:
                 "vehicle's"
             )
         return texts_by_topic
+
+
+def _either(kinds: list[str]) -> str:
+    """Returns the names in several kinds, as one kind."""
+    return " or ".join(sorted({name for kind in kinds for name in kind.split(" or ")}))
 
 
 def _remember(seen: OrderedDict[Any, int], key: Any, now_ns: int) -> None:

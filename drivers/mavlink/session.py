@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections import Counter, OrderedDict
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Any
 
 from core.types import AttitudeSample, PoseSample
@@ -254,11 +255,13 @@ class MavlinkSession:
             self._conflicts.left_out(system, arrival_ns)
             self.counts[LinkAnomaly.OTHER_VEHICLE] += 1
             return
-        self._conflicts.vehicle(system, arrival_ns)
+        kind = AUTOPILOTS.get(int(m.autopilot), f"autopilot {int(m.autopilot)}")
+        self._conflicts.vehicle(system, kind, arrival_ns)
         old = self.vehicle
         if old is not None and old.system_id != system:
             if self.connected(arrival_ns) or (old.armed and arrival_ns - self._received_ns < IN_FLIGHT_NS):
-                self._conflicts.vehicle(old.system_id, arrival_ns)  # it still counts, received or not
+                self._conflicts.vehicle(old.system_id, old.autopilot, arrival_ns)  # it still counts, received or not
+                self.vehicle = replace(old, autopilot=self._conflicts.kind_of_all(old.autopilot, arrival_ns))
                 self.counts[LinkAnomaly.OTHER_VEHICLE] += 1
                 return
             self._conflicts.another()
@@ -268,7 +271,7 @@ class MavlinkSession:
         data = bytes(m.get_msgbuf())
         vehicle = Vehicle(
             system,
-            self._conflicts.kind(AUTOPILOTS.get(int(m.autopilot), f"autopilot {int(m.autopilot)}"), arrival_ns),
+            self._conflicts.kind(kind, arrival_ns),
             int(m.type),
             bool(int(m.base_mode) & dialect.MAV_MODE_FLAG_SAFETY_ARMED),
             int(m.custom_mode),

@@ -28,7 +28,7 @@ def all_conflicts() -> dict[str, str]:
     detector.received(message(1, 196), 1, NS)
     detector.received(message(255, 1), 1, NS)
     for system in (1, 255):
-        detector.vehicle(system, NS)
+        detector.vehicle(system, "PX4", NS)
     found = detector.texts(NS, 0, connected=True, two_clocks=True)
     detector.left_out(255, NS)
     return found | detector.texts(NS, 1, connected=False)

@@ -174,8 +174,8 @@ def test_every_conflict_on_the_link_has_a_code() -> None:
     others.kind("ArduPilot", now_ns)
     texts = others.texts(now_ns, configured=1, connected=False)
     assert set(texts) == {"two autopilots", "system id"}
-    others.vehicle(1, now_ns)
-    others.vehicle(2, now_ns)
+    others.vehicle(1, "PX4", now_ns)
+    others.vehicle(2, "PX4", now_ns)
     texts |= others.texts(now_ns, configured=0, connected=True)
     assert "several vehicles" in texts
     assert set(texts) <= set(CONFLICT_CODES)
