@@ -95,8 +95,8 @@ class ConflictDetector:
     def kind(self, kind: str, now_ns: int) -> str:
         """Returns the kind to use for an autopilot whose heartbeat reports `kind`.
 
-        It contains both names while heartbeats contradict each other, and those of all vehicles that may be the own one, so that
-        only what is safe for each kind is sent."""
+        It contains both names while heartbeats contradict each other, and those of all vehicles that may be the own one, so that only
+        what is safe for each kind is sent."""
         if self._kind and kind != self._kind:
             self._contradiction_ns, self._contradicting = now_ns, _either([kind, self._kind])
         self._kind = kind
