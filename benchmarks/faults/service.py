@@ -218,7 +218,7 @@ class Service:
 
     def _decide(self, now_ns: int) -> None:
         vehicle = self._vehicle(now_ns)
-        if vehicle is None and self.session.fell_silent(now_ns):
+        if vehicle is None and self.session.own.fell_silent(now_ns):
             vehicle = self.session.vehicle
         autopilot = AutopilotNow() if vehicle is None else self.values.state(vehicle, now_ns)
         if not autopilot.kind:

@@ -36,6 +36,6 @@ def line_of(session: MavlinkSession, link: MavlinkLink) -> AutopilotLine:
         return session.vehicle if session.connected(time.monotonic_ns()) else None
 
     def silent() -> Vehicle | None:
-        return session.vehicle if session.fell_silent(time.monotonic_ns()) else None
+        return session.vehicle if session.own.fell_silent(time.monotonic_ns()) else None
 
     return AutopilotLine(vehicle, link.post, silent, link.post)

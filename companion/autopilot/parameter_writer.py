@@ -14,7 +14,8 @@ from typing import Any
 from drivers.mavlink.address import parse_address
 from drivers.mavlink.dialect import dialect
 from drivers.mavlink.link import MavlinkLink
-from drivers.mavlink.session import SILENT_NS, MavlinkSession
+from drivers.mavlink.own_vehicle import SILENT_NS
+from drivers.mavlink.session import MavlinkSession
 from drivers.mavlink.session_types import PX4
 
 from ..config.loader import Config

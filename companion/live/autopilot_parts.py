@@ -53,7 +53,7 @@ class AutopilotParts:
 
     def armed(self) -> bool | None:
         """Whether the vehicle is armed; None: not known."""
-        return None if self.session is None else self.session.armed(time.monotonic_ns())
+        return None if self.session is None else self.session.own.armed(time.monotonic_ns())
 
 
 def make_autopilot(

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections import Counter, OrderedDict
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from typing import Any
 
 from core.types import AttitudeSample, PoseSample
@@ -18,17 +17,15 @@ from .clock_bounds import NS
 from .clock_sync import ClockFilter, ClockSource
 from .conflicts import ConflictDetector
 from .dialect import dialect
-from .heartbeats import Arrivals, Heartbeats, is_of_a_vehicle
 from .motion import MOTION, MotionDecoder
 from .outbox import OBSTACLE_IDS, Outbox
-from .parser import MAVLINK1, Frame, MessageSplitter
+from .own_vehicle import OwnVehicle
+from .parser import Frame, MessageSplitter
 from .rates import RateMonitor
 from .session_types import (
-    ARDUPILOT,
     ATTITUDE_ID,
     ATTITUDE_QUATERNION_ID,
     LOCAL_POSITION_NED_ID,
-    PX4,
     LinkStatus,
     MavlinkParams,
     Vehicle,
@@ -37,14 +34,8 @@ from .signing import Signing, for_the_log
 from .timesync import TimeSync
 from .transport import Chunk, Source
 
-AUTOPILOTS = {dialect.MAV_AUTOPILOT_ARDUPILOTMEGA: ARDUPILOT, dialect.MAV_AUTOPILOT_PX4: PX4}
-SILENT_NS, IN_FLIGHT_NS = 3 * NS, 300 * NS
-"""Without messages for this long an autopilot counts as disconnected, and another one may take its place; the latter for one that was
-armed: it may still receive, and must get no obstacles by the attitude of another one."""
 _READ = frozenset({dialect.MAVLINK_MSG_ID_HEARTBEAT, dialect.MAVLINK_MSG_ID_COMMAND_ACK})
 MOST_SOURCES = 16
-BROADCAST = 0
-"""As target, this system id names all vehicles: an autopilot that uses it could not be commanded alone."""
 
 
 class MavlinkSession:
@@ -77,18 +68,13 @@ class MavlinkSession:
         self.params = params or MavlinkParams()
         self.clock = ClockFilter()
         self.system_status = dialect.MAV_STATE_STANDBY
-        self.vehicle: Vehicle | None = None
-        self._expected = expected
-        if expected is not None and (
-            expected.system_id == BROADCAST or self.params.system_id not in (0, expected.system_id)
-        ):
-            self._expected = None
         self.counts: Counter[LinkAnomaly] = Counter()
         self.received = 0
         self._on_frame, self._on_message, self._reads = on_frame, on_message, reads
         self._on_foreign, self._foreign_ids = on_foreign, foreign_ids
         self._timesync = TimeSync(self.clock)
         self._conflicts = ConflictDetector(self.params.component_id)
+        self.own = OwnVehicle(self.params.system_id, expected, self._conflicts)
         self._motion = MotionDecoder(self.clock, self._timesync.two_clocks_answer, self._conflicts.several_vehicles)
         self.rates = RateMonitor(self.params.rate_requests())
         self._splitters: OrderedDict[Source, MessageSplitter] = OrderedDict()
@@ -99,12 +85,8 @@ class MavlinkSession:
         self._encoder = dialect.MAVLink(None)
         self._encoder.srcComponent = self.params.component_id
         self._next_heartbeat_ns = 0
-        self._received_ns = 0
         self._clock_restarts = 0
         self._outbox = Outbox()
-        self._heartbeats = Heartbeats()
-        self._arrivals = Arrivals()
-        self._earliest_ns = 0  # at which the newest chunk can have arrived
 
     # ---- in -----------------------------------------------------------------------------------------------------
 
@@ -122,7 +104,7 @@ class MavlinkSession:
         samples: list[AttitudeSample | PoseSample] = []
         self.last_chunk = None
         for self._place, (data, arrival_ns) in enumerate(chunks):
-            self._earliest_ns = self._arrivals.earliest_ns(arrival_ns)
+            self.own.arrives(arrival_ns)
             splitter = self._splitter(None if sources is None else sources[self._place])
             for frame in splitter.frames(data):
                 sample = self._take(frame, arrival_ns)
@@ -152,9 +134,10 @@ class MavlinkSession:
             return None
         if self._on_frame is not None and (logged := for_the_log(frame)) is not None:
             self._on_frame(logged, arrival_ns)
-        if vehicle is None and self._expected is not None:
-            vehicle = self._recognised(frame)
-        own = self._from_autopilot(frame)
+        if vehicle is None:
+            self.own.recognise(frame)
+            vehicle = self.vehicle
+        own = self.own.is_source(frame)
         if not own:
             self._conflicts.received(frame, vehicle.system_id if vehicle else 0, arrival_ns)
         if frame.id in self._foreign_ids and self._on_foreign is not None:
@@ -181,15 +164,6 @@ class MavlinkSession:
         else:
             self._read(frame.id, message, arrival_ns)
 
-    def _recognised(self, frame: Frame) -> Vehicle | None:
-        """Returns the expected vehicle if the frame is of its autopilot. In flight its next heartbeat may arrive too
-        late."""
-        expected = self._expected
-        if expected is None or (frame.system, frame.component) != (expected.system_id, dialect.MAV_COMP_ID_AUTOPILOT1):
-            return None
-        self._expected, self.vehicle = None, expected
-        return expected
-
     def _is_read(self, kind: int) -> bool:
         """True if a message of this kind, other than motion, is used. Others are not decoded, because decoding takes
         most of the time."""
@@ -209,7 +183,7 @@ class MavlinkSession:
     def _read(self, kind: int, message: Any, arrival_ns: int) -> None:
         if kind == dialect.MAVLINK_MSG_ID_HEARTBEAT:
             self._heartbeat(message, arrival_ns)
-        if not self._from_autopilot(message):
+        if not self.own.is_source(message):
             return
         self._note_autopilot(kind, arrival_ns)
         self._follow_clock()
@@ -233,57 +207,15 @@ class MavlinkSession:
 
     def _note_autopilot(self, kind: int, arrival_ns: int) -> None:
         """Notes a message of the autopilot."""
-        self._received_ns, self.last_chunk = arrival_ns, self._place
+        self.last_chunk = self._place
+        self.own.received(arrival_ns)
         self.rates.received(kind, arrival_ns)
 
-    def _from_autopilot(self, message: Any) -> bool:
-        v = self.vehicle
-        return (
-            v is not None
-            and message.get_srcSystem() == v.system_id
-            and message.get_srcComponent() == dialect.MAV_COMP_ID_AUTOPILOT1
-        )
-
-    def _heartbeat(self, m: Any, arrival_ns: int) -> None:
-        system = m.get_srcSystem()
-        if not is_of_a_vehicle(m):
-            return
-        if system == BROADCAST:
-            self.counts[LinkAnomaly.OTHER_VEHICLE] += 1
-            return
-        if self.params.system_id not in (0, system):
-            self._conflicts.left_out(system, arrival_ns)
-            self.counts[LinkAnomaly.OTHER_VEHICLE] += 1
-            return
-        kind = AUTOPILOTS.get(int(m.autopilot), f"autopilot {int(m.autopilot)}")
-        self._conflicts.vehicle(system, kind, arrival_ns)
-        old = self.vehicle
-        if old is not None and old.system_id != system:
-            if self.connected(arrival_ns) or (old.armed and arrival_ns - self._received_ns < IN_FLIGHT_NS):
-                self._conflicts.vehicle(old.system_id, old.autopilot, arrival_ns)  # it still counts, received or not
-                self.vehicle = replace(old, autopilot=self._conflicts.kind_of_all(old.autopilot, arrival_ns))
-                self.counts[LinkAnomaly.OTHER_VEHICLE] += 1
-                return
-            self._conflicts.another()
+    def _heartbeat(self, message: Any, arrival_ns: int) -> None:
+        if self.own.heartbeat(message, arrival_ns):
             self.clock.restart()  # another autopilot, another clock
             self._clock_restarts = self.clock.restarts
             self._restart()
-        data = bytes(m.get_msgbuf())
-        vehicle = Vehicle(
-            system,
-            self._conflicts.kind(kind, arrival_ns),
-            int(m.type),
-            bool(int(m.base_mode) & dialect.MAV_MODE_FLAG_SAFETY_ARMED),
-            int(m.custom_mode),
-            self._earliest_ns,
-            data[0] == MAVLINK1,
-            int(m.system_status),
-        )
-        if self._heartbeats.is_late_copy(data, vehicle, old):
-            self.counts[LinkAnomaly.LATE_HEARTBEAT] += 1
-            return
-        self._heartbeats.add(data, arrival_ns)
-        self.vehicle = vehicle
 
     def _restart(self) -> None:
         self._timesync.restart()
@@ -298,20 +230,14 @@ class MavlinkSession:
 
     # ---- out ----------------------------------------------------------------------------------------------------
 
+    @property
+    def vehicle(self) -> Vehicle | None:
+        """The received autopilot, by its newest heartbeat; None: none was received."""
+        return self.own.vehicle
+
     def connected(self, now_ns: int) -> bool:
-        """True if any message of the autopilot arrived recently. On a bad link, single heartbeats are lost too
-        easily."""
-        return self.vehicle is not None and now_ns - self._received_ns < SILENT_NS
-
-    def armed(self, now_ns: int) -> bool | None:
-        """Whether the vehicle is armed; None: not known. A silent autopilot may have been armed since."""
-        if self.vehicle is None or (not self.vehicle.armed and not self.connected(now_ns)):
-            return None
-        return self.vehicle.armed
-
-    def fell_silent(self, now_ns: int) -> bool:
-        """True if the autopilot was armed at its last message and is not received any more. It may still receive."""
-        return self.vehicle is not None and self.vehicle.armed and not self.connected(now_ns)
+        """Returns whether any message of the autopilot arrived recently."""
+        return self.own.connected(now_ns)
 
     def post(self, message: Any, now_ns: int, decided_by: Vehicle | None = None) -> None:
         """Adds a message that the next `due` sends, unless it has waited too long by then (`outbox.VALID_NS`), or a newer
@@ -330,10 +256,8 @@ class MavlinkSession:
         """Returns the bytes to send now. sends_first: the other end waits for a first message."""
         messages: list[Any] = []
         if not self.connected(now_ns):
-            rejected = self._signing.rejects_autopilot(now_ns)
-            ids = (
-                {dialect.MAVLINK_MSG_ID_STATUSTEXT} if rejected else OBSTACLE_IDS if self.fell_silent(now_ns) else set()
-            )
+            rejected, silent = self._signing.rejects_autopilot(now_ns), self.own.fell_silent(now_ns)
+            ids = {dialect.MAVLINK_MSG_ID_STATUSTEXT} if rejected else OBSTACLE_IDS if silent else set()
             kept, dropped = self._outbox.take_only(ids, now_ns)
             self.counts[LinkAnomaly.UNSENT_NO_AUTOPILOT] += dropped
             if (sends_first or rejected) and now_ns >= self._next_heartbeat_ns:
@@ -373,7 +297,7 @@ class MavlinkSession:
         """Returns the status for the health report."""
         rate = self.rates.rate_hz
         counts: Counter[LinkAnomaly] = Counter({LinkAnomaly.TIMESYNC_UNPAIRED: self._timesync.unpaired})
-        for some in (self.counts, self._motion.counts, self._splitter_counts, self._signing.counts):
+        for some in (self.counts, self.own.counts, self._motion.counts, self._splitter_counts, self._signing.counts):
             counts.update(some)
         answered = self._timesync.answers(now_ns)
         attitude_id = ATTITUDE_ID if self._motion.wants(ATTITUDE_ID, now_ns) else ATTITUDE_QUATERNION_ID

@@ -9,7 +9,8 @@ import pytest
 from drivers.mavlink.clock_sync import ClockSource
 from drivers.mavlink.commands import set_px4_hold
 from drivers.mavlink.dialect import dialect
-from drivers.mavlink.session import IN_FLIGHT_NS, MavlinkSession
+from drivers.mavlink.own_vehicle import IN_FLIGHT_NS
+from drivers.mavlink.session import MavlinkSession
 from drivers.mavlink.session_types import MavlinkParams, Vehicle
 from drivers.simulation.autopilot import ARDUPILOT, PX4, SimulatedAutopilot
 from drivers.simulation.firmware_profile import FirmwareProfile
@@ -54,7 +55,7 @@ def test_the_attitude_of_another_vehicle_is_not_used_for_one_that_fell_silent_in
     c.run(20.0)
     assert c.session.vehicle is not None
     assert c.session.vehicle.system_id == 1
-    assert c.session.fell_silent(c.now_ns)
+    assert c.session.own.fell_silent(c.now_ns)
     assert c.samples == []
     assert "several vehicles" in c.session.status(c.now_ns).conflicts
     c.now_ns += IN_FLIGHT_NS  # it has landed somewhere, or this computer is on another vehicle
@@ -167,11 +168,11 @@ def test_whether_a_silent_vehicle_is_armed_is_known_only_if_it_was() -> None:
     vehicle = c.session.vehicle
     assert vehicle is not None
     for armed, silent in ((False, None), (True, True)):
-        c.session.vehicle = replace(vehicle, armed=armed)
-        assert c.session.armed(c.now_ns) is armed
-        assert c.session.armed(c.now_ns + 4 * NS) is silent
-        assert not c.session.fell_silent(c.now_ns)
-        assert c.session.fell_silent(c.now_ns + 4 * NS) is armed
+        c.session.own.vehicle = replace(vehicle, armed=armed)
+        assert c.session.own.armed(c.now_ns) is armed
+        assert c.session.own.armed(c.now_ns + 4 * NS) is silent
+        assert not c.session.own.fell_silent(c.now_ns)
+        assert c.session.own.fell_silent(c.now_ns + 4 * NS) is armed
 
 
 def test_to_a_vehicle_that_fell_silent_in_flight_obstacles_are_still_sent() -> None:
@@ -181,7 +182,7 @@ def test_to_a_vehicle_that_fell_silent_in_flight_obstacles_are_still_sent() -> N
     vehicle = c.session.vehicle
     assert vehicle is not None
     for armed in (False, True):
-        c.session.vehicle = replace(vehicle, armed=armed)
+        c.session.own.vehicle = replace(vehicle, armed=armed)
         later_ns = c.now_ns + 4 * NS
         c.session.post(dialect.MAVLink_obstacle_distance_message(0, 4, [100] * 72, 5, 20, 1200, 5.0, 0.0, 12), later_ns)
         assert len(c.session.due(later_ns)) == armed

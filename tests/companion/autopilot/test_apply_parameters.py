@@ -24,7 +24,7 @@ from companion.autopilot.parameter_writer import Change, changes
 from companion.cli import main
 from companion.config.loader import Config, load_config
 from companion.doctor import apply, autopilot_check, doctor
-from drivers.mavlink.session import SILENT_NS
+from drivers.mavlink.own_vehicle import SILENT_NS
 from drivers.simulation.autopilot import ARDUPILOT, PX4, SimulatedAutopilot
 from drivers.simulation.autopilot_link import AutopilotLink, UdpEnd
 from drivers.simulation.firmware_parameters import DEFAULTS, PARAMETERS

@@ -59,7 +59,7 @@ class Made:
             "share": {"enabled": True, **share},
         }
         self.session = MavlinkSession()
-        self.session.vehicle = Vehicle(7, "PX4", 2, True, 0, NS)
+        self.session.own.vehicle = Vehicle(7, "PX4", 2, True, 0, NS)
         self.link = Posts(self.session)
         self.recorded: list[str] = []
         self.service = ShareService(
@@ -114,7 +114,7 @@ def test_the_origin_is_not_requested_where_it_is_configured_or_there_is_no_autop
     with Made(tmp_path, {"tunnel": "autopilot", "origin": "47.0, 8.0, 400"}) as made:
         assert made.requests(0, 10 * NS) == []
     with Made(tmp_path, {"tunnel": "autopilot"}) as made:
-        made.session.vehicle = None
+        made.session.own.vehicle = None
         assert made.requests(0, 10 * NS) == []
         made.service.connect(None, None)
         assert made.requests(20 * NS) == []
