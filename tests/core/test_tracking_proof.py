@@ -47,6 +47,15 @@ def test_the_part_of_a_wall_that_a_screen_hides_little_by_little_is_kept() -> No
     assert distance(s, 8.0, -2.0) < 0.1
 
 
+def test_the_far_end_of_an_oblique_wall_is_kept_while_a_screen_hides_it() -> None:
+    """The rest of it remains in view, and beside the screen nothing is in view."""
+    whole, rest, screen = wall(12.0, -3.0, 5.2, 3.8), wall(9.5, -0.5, 5.2, 3.8), wall(4.0, -1.3, 4.0, -0.2)
+    tracker = settled([whole])
+    for k in range(20, 30):
+        s = tracker.observe(planes_of([screen, rest], [screen, whole], k))
+        assert distance(s, 11.7, -2.7) < 0.1, k
+
+
 @pytest.mark.parametrize("turn", [-1.0, 1.0])
 def test_the_part_of_a_wall_that_leaves_the_view_little_by_little_is_kept(turn: float) -> None:
     tracker = settled([WALL])
