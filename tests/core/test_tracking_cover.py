@@ -104,6 +104,17 @@ def test_a_filled_gap_seen_open_goes_after_one_frame_that_sees_through_it() -> N
 
 
 @pytest.mark.nojit
+def test_a_filled_gap_of_several_frames_loses_what_two_frames_see_through_and_keeps_what_is_hidden() -> None:
+    tracker, gap, screen = settled([WALL]), wall(4.0, -0.5, 4.0, 0.5), wall(3.0, 0.0, 3.0, 0.6)
+    for k in range(10, 15):
+        tracker.observe(only([gap, WALL], k, flags=1))
+    for k in (15, 16):
+        s = tracker.observe(frame([screen, WALL], k))
+    assert distance(s, 4.0, -0.4) > 0.2
+    assert distance(s, 4.0, 0.4) < 0.1
+
+
+@pytest.mark.nojit
 def test_a_filled_gap_that_one_frame_alone_has_goes_whole_where_a_part_of_it_is_seen_through() -> None:
     """No obstacle was measured in it. Where all of it is hidden or out of view nothing says that there is none."""
     tracker, gap = settled([WALL]), wall(4.0, -0.5, 4.0, 0.5)

@@ -92,6 +92,17 @@ def test_a_low_obstacle_at_the_range_of_a_tall_one_does_not_explain_what_is_not_
         assert s.planes[:, 4].min() < -3.9, k
 
 
+def test_of_what_few_frames_observed_a_low_obstacle_at_its_range_explains_all() -> None:
+    """Three frames alone observe a plane of 5 m at a wall of 1 m: it flickers, and is one surface with the wall."""
+    tall, low = wall(10.0, -4.0, 10.0, 4.0, -4.0, 1.0), wall(9.5, -4.0, 9.5, 4.0, 0.0, 1.0)
+    tracker = Tracker(SMALL)
+    for k in range(3):
+        tracker.observe(with_planes(partly_measured([tall], k, True), [tall, low], [MEASURED, MEASURED]))
+    for k in range(3, 8):
+        s = tracker.observe(with_planes(partly_measured([low], k, False), [low], [MEASURED]))
+    assert s.planes[:, 4].min() > -0.5
+
+
 def test_an_obstacle_over_half_of_the_height_explains_a_track() -> None:
     """A plane 0.7 m behind a track of the same height, in noise that allows both to be one surface."""
     first, second = wall(10.0, -4.0, 10.0, 4.0, -2.0, 2.0), wall(10.7, -4.0, 10.7, 4.0, -2.0, 2.0)
