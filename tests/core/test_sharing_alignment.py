@@ -119,7 +119,9 @@ def test_a_claimed_uncertainty_does_not_widen_the_search() -> None:
     rng = np.random.Generator(np.random.PCG64(2))
     own, true = street(rng, -20.0, 60.0), placed(20.0, 0.0, -3.0, 0.0)
     assert refused(own, own, placed(20.0, 0.0, -3.0, 0.0, m=600.0)) is FitResult.TOO_UNCERTAIN
+    assert refused(own, own, placed(20.0, 0.0, -3.0, 0.0, m=6.1)) is FitResult.TOO_UNCERTAIN
     assert refused(own, own, placed(20.0, 0.0, -3.0, 0.0, yaw=1.0)) is FitResult.TOO_UNCERTAIN
+    assert refused(own, own, placed(20.0, 0.0, -3.0, 0.0, yaw=math.radians(10.1))) is FitResult.TOO_UNCERTAIN
     long = np.vstack([other_of(true, own), [[-400.0, 0.0, 500.0, 0.0, -5.0, 0.0]] * 50])
     fit(long, own, true)
 

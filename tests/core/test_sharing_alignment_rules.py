@@ -61,7 +61,7 @@ def test_walls_in_all_directions_are_aligned(seed: int) -> None:
 @pytest.mark.parametrize("seed", range(3))
 def test_less_than_seventy_metres_in_common_are_too_little(seed: int) -> None:
     walls = scattered(seed, 30, 4.0, 8.0)
-    assert refused(other_of(TRUE, walls[8:]), walls[:22], prior()) is FitResult.TOO_LITTLE
+    assert refused(other_of(TRUE, walls[8:]), walls[:24], prior()) is FitResult.TOO_LITTLE
 
 
 @pytest.mark.parametrize("seed", [0, *nightly(1, 2)])
