@@ -100,6 +100,15 @@ def test_parallel_walls_do_not_fix_the_place_along_them() -> None:
     assert refused(other_of(TRUE, walls), walls, prior(0.2, 0.1, 0.0, m=0.68)) is FitResult.AMBIGUOUS
 
 
+def test_ribs_closer_than_other_places_are_compared_leave_the_place_uncertain() -> None:
+    """A fit one rib of 1.1 m off is no other place, but a part of the uncertainty."""
+    rows = [(0.0, y, 40.0, y, -6.0, 0.0) for y in (5.0, 8.0, 12.0, -6.0, -9.0, -13.0)]
+    for x in 1.1 * np.arange(36):
+        rows += [(x, 5.0, x, 3.5, -6.0, 0.0), (x, -6.0, x, -4.5, -6.0, 0.0)]
+    walls = np.array(rows)
+    assert refused(other_of(TRUE, walls), walls, prior(0.1, 0.1, 0.0, m=1.3)) is FitResult.UNOBSERVABLE
+
+
 def test_round_walls_do_not_fix_the_yaw() -> None:
     angle = np.linspace(0.0, math.tau, 41)
     rows = []
