@@ -42,6 +42,9 @@ class ConfiguredFlight(FaultLoop):
             cameras_of(config, seed),
         )
         self.on_published = self.judge.published
+        if config.autopilot.system_id:  # no other autopilot is used
+            own = self._autopilot(config.autopilot.system_id, self.autopilot.profile.boot_at_ns)
+            own.parameters, self.autopilot = self.autopilot.parameters, own
         self.autopilot.profile.custom_mode = MISSION[kind]
 
 

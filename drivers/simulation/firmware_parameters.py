@@ -20,6 +20,8 @@ DEFAULTS: Final[dict[str, dict[str, float]]] = {
         "PRX_FILT": 1.0,
         "AVOID_ALT_MIN": 0.0,
         "AVOID_ACCEL_MAX": 3.0,
+        "AVOID_BACKUP_DZ": 0.1,
+        "AVOID_BACKZ_SPD": 0.75,
         **{f"RC{n}_OPTION": 0.0 for n in range(1, 17)},
     },
 }

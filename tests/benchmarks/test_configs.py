@@ -97,9 +97,9 @@ def test_the_judge_notices_a_solid_in_a_clear_sector(flown: ConfiguredFlight) ->
 
 
 def test_the_wall_of_ardupilot_may_be_farther_than_a_solid_that_was_never_seen(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Of a hull of 4.86 m, before the first attitude, 0.53 m before a solid."""
-    _, config, _ = random_config(np.random.default_rng([92, 9115]), 0.4, judged_key, flies=True)
-    flight = ConfiguredFlight(config, 9115, 0.3)
+    """Of a hull of 5 m, before the first attitude, 0.55 m before a solid."""
+    _, config, _ = random_config(np.random.default_rng([92, 10967]), 0.4, judged_key, flies=True)
+    flight = ConfiguredFlight(config, 10967, 0.3)
     flight.fly(0.3)
     assert flight.kind == ARDUPILOT
     assert flight.judge.messages > 2

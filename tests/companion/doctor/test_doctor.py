@@ -64,14 +64,14 @@ def line(live: Live, request: pytest.FixtureRequest) -> Iterator[AutopilotLink]:
 
 
 def examined(live: Live, capsys: pytest.CaptureFixture[str], patience: str = "60") -> tuple[int, dict[str, dict]]:
-    """(status, part -> the worst finding of it)."""
+    """(status, part -> its first fault, else its first finding)."""
     status = main(["doctor", "-c", str(live.config), "--json", "--patience", patience])
     findings = json.loads(capsys.readouterr().out)
     assert findings["ok"] == (status == 0)
     assert [f for f in findings["findings"] if f["ok"] and f["code"]] == []
     worst: dict[str, dict] = {}
     for finding in findings["findings"]:
-        if finding["part"] not in worst or not finding["ok"]:
+        if finding["part"] not in worst or (worst[finding["part"]]["ok"] and not finding["ok"]):
             worst[finding["part"]] = finding
     return status, worst
 
