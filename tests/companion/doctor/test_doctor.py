@@ -64,16 +64,17 @@ def line(live: Live, request: pytest.FixtureRequest) -> Iterator[AutopilotLink]:
 
 
 def examined(live: Live, capsys: pytest.CaptureFixture[str], patience: str = "60") -> tuple[int, dict[str, dict]]:
-    """(status, part -> its first fault, else its first finding)."""
+    """(status, part -> its first fault, with the texts of all its faults; without a fault its first finding)."""
     status = main(["doctor", "-c", str(live.config), "--json", "--patience", patience])
     findings = json.loads(capsys.readouterr().out)
     assert findings["ok"] == (status == 0)
     assert [f for f in findings["findings"] if f["ok"] and f["code"]] == []
-    worst: dict[str, dict] = {}
-    for finding in findings["findings"]:
-        if finding["part"] not in worst or (worst[finding["part"]]["ok"] and not finding["ok"]):
-            worst[finding["part"]] = finding
-    return status, worst
+    parts: dict[str, dict] = {}
+    for finding in sorted(findings["findings"], key=lambda f: f["ok"]):
+        known = parts.setdefault(finding["part"], finding)
+        if known is not finding and not finding["ok"]:
+            known["text"] += "; " + finding["text"]
+    return status, parts
 
 
 def test_no_fault_is_found(live: Live, line: AutopilotLink, capsys: pytest.CaptureFixture[str]) -> None:
