@@ -2,17 +2,38 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import signal
 import threading
 from collections.abc import Callable
 
 
+def at_stop_signal(act: Callable[[], None]) -> None:
+    """From now on calls `act` at Ctrl-C (SIGINT) or SIGTERM, once and in a thread of its own.
+
+    A handler runs in the main thread wherever that is, also while it holds a lock: a handler that sets an event for which
+    the main thread waits may wait for ever."""
+    signalled, signals = os.pipe()
+    os.set_blocking(signals, False)
+
+    def wait() -> None:
+        os.read(signalled, 1)
+        act()
+
+    def handle(*_: object) -> None:
+        with contextlib.suppress(BlockingIOError):  # full: signalled long ago
+            os.write(signals, b"\0")
+
+    threading.Thread(target=wait, name="stop signal", daemon=True).start()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, handle)
+
+
 def stop_event() -> threading.Event:
     """An event that Ctrl-C (SIGINT) and SIGTERM set from now on."""
     stop = threading.Event()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: stop.set())
+    at_stop_signal(stop.set)
     return stop
 
 

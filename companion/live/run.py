@@ -7,7 +7,6 @@ import faulthandler
 import gc
 import logging
 import resource
-import signal
 import sys
 import threading
 import time
@@ -21,6 +20,7 @@ from ..config.loader import Config, ConfigError, load_config
 from ..config.startup import run_problems
 from ..diagnostic import Diagnostic, without_digits
 from ..paths import Folders, folders
+from ..stop_signal import at_stop_signal
 from .journal import log_to_stderr
 from .record_note import RecordRate, record_note
 from .sd_notify import Notifier
@@ -168,12 +168,11 @@ def _run(path: Path) -> int:
     loading = Loading(*_kernels_of(config))  # loads beside the imports, which take longer
     stop = threading.Event()
 
-    def end(*_: object) -> None:
+    def end() -> None:
         stop.set()
         loading.cancel()  # ends a child process that compiles
 
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, end)
+    at_stop_signal(end)
     notifier = Notifier()
     notifier.extend_timeout(START_S)
     loading.start()
