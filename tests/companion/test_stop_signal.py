@@ -7,6 +7,8 @@ import sys
 
 import pytest
 
+pytestmark = pytest.mark.process
+
 _PROGRAM = """
 import signal, sys, threading
 from companion.stop_signal import stop_event
