@@ -80,7 +80,7 @@ class ImageSource:
         if s.repeats and self._repeating:
             return Image(self._repeating[self.frames % len(self._repeating)], False, False)
         if s.other_size:
-            return Image(np.ascontiguousarray(depth_mm[:100]), False, False)
+            return Image(np.ascontiguousarray(depth_mm[:-20]), False, False)
         stamped = not s.stamp_shift_ns
         if s.unmeasured_share:
             depth_mm = np.where(self._rng.random(depth_mm.shape) < s.unmeasured_share, np.uint16(0), depth_mm)

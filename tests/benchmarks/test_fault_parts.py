@@ -143,3 +143,13 @@ def test_the_judge_notices_a_frame_with_a_wrong_heading() -> None:
     wrong = replace(result, model=turned(result.model, 0.6, (0.0, 0.0, 0.0)))
     judge.published(loop, wrong)
     assert len(judge.violations) == 1
+
+
+@pytest.mark.parametrize("height", [96, 120])
+def test_an_image_of_another_size_differs_from_each_drawn_camera(height: int) -> None:
+    """It was cut to 100 rows: an image of 96 rows stayed as it was."""
+    field = random_field(1, 5.0)
+    camera = replace(cameras_of(1)[0], intrinsics=replace(cameras_of(1)[0].intrinsics, height=height))
+    image = ImageSource(0, 1).expose(camera, field.scene, field.path.at(0.0), Switches(other_size=True))
+    assert image is not None
+    assert image.depth_mm.shape[0] < height
