@@ -82,7 +82,8 @@ def serve(service: Service, notifier: Notifier, stop: threading.Event, tick_s: f
             ):
                 log.info(note)
         log_changes(service.diagnostics, logged, now_s)
-        notifier.status("; ".join(service.diagnostic_texts) or "OK")
+        kind = "; ".join(f"{d.camera} {without_digits(d.text)}" for d in service.diagnostics)
+        notifier.status("; ".join(service.diagnostic_texts) or "OK", kind, now_s)
     return 0
 
 

@@ -10,6 +10,10 @@ import socket
 
 STOPPING_S = 15.0
 """Longer than the unit's TimeoutStopSec, which limits the shutdown."""
+LEAST_STATUS_S = 1.0
+NUMBERS_S = 10.0
+"""Least time after a STATUS to another one, and to one in which only numbers differ, such as an age: systemd signals each STATUS
+on D-Bus."""
 _STOPPING_WAIT_S = 0.2
 """Longest wait for room in systemd's queue at the shutdown, when nothing is sent later."""
 
@@ -28,18 +32,21 @@ class Notifier:
         usec = env.get("WATCHDOG_USEC", "")
         for_this_process = env.get("WATCHDOG_PID", "") in ("", str(os.getpid()))
         self.watchdog_s: float | None = int(usec) / 1e6 if usec.isdecimal() and for_this_process else None
-        self._status = ""
+        self._status, self._status_kind, self._status_s = "", "", -NUMBERS_S
         self._ready_unsent = False
 
     def ready(self) -> None:
         """Reports that the service is ready; where that fails, `feed_watchdog` repeats it."""
         self._ready_unsent = not self._send("READY=1")
 
-    def status(self, text: str) -> None:
-        """One line for `systemctl status`. An unchanged line is not sent again."""
+    def status(self, text: str, kind: str, now_s: float) -> None:
+        """One line for `systemctl status`. It is sent when it differs, but not more often than LEAST_STATUS_S says.
+
+        kind: the same for texts that differ in their numbers only, which are sent every NUMBERS_S; now_s: a monotonic time."""
         line = text.replace("\n", " ")
-        if line != self._status and self._send(f"STATUS={line}"):
-            self._status = line
+        least_s = NUMBERS_S if kind == self._status_kind else LEAST_STATUS_S
+        if line != self._status and now_s - self._status_s >= least_s and self._send(f"STATUS={line}"):
+            self._status, self._status_kind, self._status_s = line, kind, now_s
 
     def feed_watchdog(self) -> None:
         """Resets the watchdog."""

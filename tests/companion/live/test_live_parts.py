@@ -293,8 +293,8 @@ def test_notifications_to_systemd(tmp_path: Path) -> None:
         notifier = Notifier({"NOTIFY_SOCKET": str(tmp_path / "notify"), "WATCHDOG_USEC": "2000000"})
         assert notifier.watchdog_s == 2.0
         notifier.ready()
-        notifier.status("two\nlines")
-        notifier.status("two\nlines")
+        notifier.status("two\nlines", "", 0.0)
+        notifier.status("two\nlines", "", 100.0)
         notifier.feed_watchdog()
         notifier.extend_timeout(1.5)
         notifier.stopping()
@@ -311,8 +311,8 @@ def test_a_systemd_that_reads_nothing_does_not_stop_the_service(tmp_path: Path) 
         texts = [f"text {i}" for i in range(3000)]  # more than any queue holds
 
         def report() -> None:
-            for text in texts:
-                notifier.status(text)
+            for k, text in enumerate(texts):
+                notifier.status(text, text, float(k))
             notifier.ready()
             notifier.stopping()
 
@@ -326,11 +326,11 @@ def test_a_systemd_that_reads_nothing_does_not_stop_the_service(tmp_path: Path) 
             while True:
                 received.append(systemd.recv(100).decode())
         assert received == [f"STATUS={text}" for text in texts[: len(received)]]
-        notifier.status(texts[-1])
+        notifier.status(texts[-1], texts[-1], 3000.0)
         notifier.feed_watchdog()
         assert [systemd.recv(100).decode() for _ in range(3)] == [f"STATUS={texts[-1]}", "READY=1", "WATCHDOG=1"]
         notifier.feed_watchdog()
-        notifier.status(texts[-1])
+        notifier.status(texts[-1], texts[-1], 4000.0)
         assert systemd.recv(100) == b"WATCHDOG=1"
         with pytest.raises(BlockingIOError):
             systemd.recv(100)

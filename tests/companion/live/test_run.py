@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import logging
+import socket
 import threading
+from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -115,8 +118,18 @@ def test_the_main_loop_reports_blind_cameras_ten_times_a_second_whatever_a_tick_
         ticks.append(clock.now_s)
         clock.now_s += tick_s + (0.4 if len(ticks) == 50 else 0.0)
 
+    service = started_service(clock, tick)
+    stop: Any = SimpleNamespace(wait=clock.wait, is_set=lambda: clock.now_s >= 1020.0)
+    monkeypatch.setattr(run_module, "time", clock)
+    assert serve(service, Notifier({}), stop, 1.0 / BLIND_HZ) == 0
+    assert len(ticks) >= 20 * BLIND_HZ - 1
+    assert BLIND_HZ >= 10.0
+
+
+def started_service(clock: Clock, tick: Callable[[], None]) -> Any:
+    """A service without parts, with the diagnostics that `tick` puts into `diagnostics` and `diagnostic_texts`."""
     thread = SimpleNamespace(wait_idle=lambda seconds: None, started=clock)
-    service: Any = SimpleNamespace(
+    return SimpleNamespace(
         parts=SimpleNamespace(pipeline_thread=thread, failures=lambda: "", recorder=None),
         suspension=SimpleNamespace(fault=lambda: ""),
         tick=tick,
@@ -125,8 +138,34 @@ def test_the_main_loop_reports_blind_cameras_ten_times_a_second_whatever_a_tick_
         diagnostics=[],
         diagnostic_texts=[],
     )
-    stop: Any = SimpleNamespace(wait=clock.wait, is_set=lambda: clock.now_s >= 1020.0)
-    monkeypatch.setattr(run_module, "time", clock)
-    assert serve(service, Notifier({}), stop, 1.0 / BLIND_HZ) == 0
-    assert len(ticks) >= 20 * BLIND_HZ - 1
-    assert BLIND_HZ >= 10.0
+
+
+def test_systemd_gets_a_status_when_its_content_changes(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """The age in the text changes with each tick. Each STATUS is a signal on D-Bus: there were 12 a second."""
+    clock = Clock()
+    begun_s, received = clock.now_s, list[tuple[float, str]]()
+
+    def tick() -> None:
+        with suppress(BlockingIOError):
+            while True:
+                received.append((clock.now_s - begun_s, systemd.recv(500).decode()))
+        t_s = clock.now_s - begun_s
+        text = f"its newest exposure is {t_s:.1f} s old" if t_s > 2.0 else ""
+        if t_s > 30.0:  # on an overloaded computer the camera becomes blind and recovers several times a second
+            text = ("superseded", "")[len(received) % 2]
+        service.diagnostics = [blind(text)] if text else []
+        service.diagnostic_texts = [d.text for d in service.diagnostics]
+
+    service = started_service(clock, tick)
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as systemd:
+        systemd.bind(str(tmp_path / "notify"))
+        systemd.setblocking(False)
+        stop: Any = SimpleNamespace(wait=clock.wait, is_set=lambda: clock.now_s >= begun_s + 40.0)
+        monkeypatch.setattr(run_module, "time", clock)
+        assert serve(service, Notifier({"NOTIFY_SOCKET": str(tmp_path / "notify")}), stop, 1.0 / BLIND_HZ) == 0
+    status = [(t_s, text) for t_s, text in received if text.startswith("STATUS=")]
+    assert [text for t_s, text in status if t_s < 2.0] == ["STATUS=OK"]
+    ages = [text for t_s, text in status if 2.0 < t_s < 30.0]
+    assert ages[0].startswith("STATUS=camera front is blind: its newest exposure is 2.")
+    assert len(ages) == 3, "with other numbers alone it is sent every 10 s"
+    assert 8 <= len([text for t_s, text in status if t_s > 30.0]) <= 11
