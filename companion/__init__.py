@@ -1,8 +1,10 @@
 """The application around the core: configuration, synchronisation, pipeline, logs and commands."""
 
 import os
+import signal
 import sys
 from contextlib import suppress
+from types import FrameType
 
 
 def _is_command() -> bool:
@@ -13,6 +15,27 @@ def _is_command() -> bool:
     return program == "companion"
 
 
+def _end(number: int, frame: FrameType | None) -> None:
+    os._exit(130)
+
+
+def end_at_interrupt() -> None:
+    """From now on Ctrl-C ends this process at once, with status 130 and without a word: nothing of a command has begun.
+
+    The KeyboardInterrupt would be lost where it arrives in an import that catches everything, and the command would run on."""
+    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:  # a shell lets its background jobs ignore it
+        with suppress(ValueError):  # not in the main thread, which alone gets signals
+            signal.signal(signal.SIGINT, _end)
+
+
+def raise_at_interrupt() -> None:
+    """Ends the effect of `end_at_interrupt`: Ctrl-C raises KeyboardInterrupt again."""
+    if signal.getsignal(signal.SIGINT) is _end:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+if _is_command():
+    end_at_interrupt()
 try:
     from .kernels.jit_cache import use_own_cache
 

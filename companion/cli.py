@@ -15,6 +15,7 @@ from shutil import get_terminal_size
 from textwrap import fill
 from typing import Any, Final
 
+from . import raise_at_interrupt
 from .argument_parser import ArgumentParser
 from .command_list import COMMANDS, GROUPS
 from .console import fail, print_line
@@ -119,6 +120,7 @@ def _run(words: Sequence[str]) -> int:
         return 2
     try:
         _refuse_addresses(args)
+        raise_at_interrupt()
         return _print_version() if args.version else int(_module(args.command).run(args))
     except BrokenPipeError:  # an OSError, but not of the command
         raise

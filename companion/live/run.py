@@ -13,6 +13,7 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
+from .. import end_at_interrupt, raise_at_interrupt
 from ..common_options import add_config
 from ..config.differences import expert_lines, safety_lines
 from ..config.installed import INSTALLED, config_path
@@ -131,10 +132,12 @@ def _kernels_of(config: Config) -> list[str]:
 
 def run(args: argparse.Namespace) -> int:
     """0: stopped on request; 1: a part could not start or has ended."""
+    end_at_interrupt()  # until `_run` handles it
     journal = log_to_stderr()
     try:
         return _run(config_path(args.config))
     finally:
+        raise_at_interrupt()
         journal.close()
 
 

@@ -8,7 +8,9 @@ import subprocess
 import sys
 import time
 import tomllib
+from collections.abc import Mapping
 from pathlib import Path
+from types import MappingProxyType
 
 import pytest
 
@@ -79,13 +81,19 @@ sys.meta_path.insert(0, Interrupting())
 _PROJECT = tomllib.loads((Path(__file__).parents[3] / "pyproject.toml").read_text())["project"]
 
 
-def ended_by_ctrl_c(module: str, folder: Path, *command: str) -> subprocess.CompletedProcess[str]:
+def ended_by_ctrl_c(
+    module: str,
+    folder: Path,
+    *command: str,
+    hook: str = _INTERRUPTED_IMPORT,
+    environment: Mapping[str, str] = MappingProxyType({}),
+) -> subprocess.CompletedProcess[str]:
     """Runs Python with these words and Ctrl-C at the import of a module."""
-    (folder / "sitecustomize.py").write_text(_INTERRUPTED_IMPORT.format(module))
+    (folder / "sitecustomize.py").write_text(hook.format(module))
     return subprocess.run(
         [sys.executable, *command],
         cwd=folder,
-        env={**os.environ, "PYTHONPATH": f"{folder}:{Path(__file__).parents[3]}"},
+        env={**os.environ, **environment, "PYTHONPATH": f"{folder}:{Path(__file__).parents[3]}"},
         capture_output=True,
         text=True,
         check=False,
@@ -103,6 +111,34 @@ def test_an_interrupted_start_prints_no_traceback(way: str, module: str, tmp_pat
     script.write_text(f"import sys\nfrom {name} import {function}\nsys.exit({function}())\n")
     command = [str(script)] if way == "script" else ["-m", "companion"]
     ended = ended_by_ctrl_c(module, tmp_path, *command, "--version")
+    assert (ended.returncode, ended.stdout, ended.stderr) == (130, "", "")
+
+
+_SWALLOWED_IMPORT = """
+import signal, sys
+class Swallowing:
+    def find_spec(self, name, path=None, target=None):
+        if name == "{}":
+            try:
+                signal.raise_signal(signal.SIGINT)
+            except BaseException:
+                pass
+signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell lets its background jobs ignore it
+sys.meta_path.insert(0, Swallowing())
+"""
+
+
+@pytest.mark.process
+@pytest.mark.parametrize(
+    "module", ["companion.kernels.jit_cache", "companion.cli", "companion.config.loader", "companion.kernels.loading"]
+)
+def test_ctrl_c_within_an_import_that_catches_everything_ends_the_start(module: str, tmp_path: Path) -> None:
+    """One of 40 interrupted starts of the service ran on: the KeyboardInterrupt was raised within an import and lost."""
+    (tmp_path / "live.toml").write_text('[[camera]]\nname = "front"\nkind = "simulated"\n')
+    environment = {"RUNTIME_DIRECTORY": str(tmp_path / "file"), "STATE_DIRECTORY": str(tmp_path / "file")}
+    (tmp_path / "file").write_text("")  # a start that goes on fails here
+    command = ["-m", "companion", "run", "-c", "live.toml"]
+    ended = ended_by_ctrl_c(module, tmp_path, *command, hook=_SWALLOWED_IMPORT, environment=environment)
     assert (ended.returncode, ended.stdout, ended.stderr) == (130, "", "")
 
 
