@@ -5,20 +5,20 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from .retired_constants import CONSTANTS_OF, FORMER_DEFAULTS
+from .retired_constants import CONSTANTS_OF
 
-_LIVE_ONLY = ("publish", "service")
+_LIVE_ONLY = ("avoid", "guard", "publish", "service")
+"""Sections on which no result of a frame depends: a replay uses none of them."""
 
 
 def refused_values(content: Mapping[str, Any], *, in_log: bool = False) -> list[str]:
-    """Values of retired keys that must not be ignored, with what to do about each. in_log: the default of the release before is
-    accepted, too, since a log holds every key, and so is each value of a section on which no result of a frame depends."""
+    """Values of retired keys that must not be ignored, with what to do about each. in_log: those of sections on which no result of a
+    frame depends may be ignored."""
+    remedy = "The log cannot be replayed with it" if in_log else "Remove the line"
     return [
-        f"[{section}] {key} = {content[section][key]!r} is not available any more: it is a constant, {value:g}. "
-        "Remove the line. A log recorded with it can be replayed by the version that recorded it"
+        f"[{section}] {key} = {content[section][key]!r} is not available any more: it is a constant, {value:g}. {remedy}"
         for section, key, value in _given(content)
-        if content[section][key] != value
-        and not (in_log and (section in _LIVE_ONLY or FORMER_DEFAULTS.get((section, key)) == content[section][key]))
+        if content[section][key] != value and not (in_log and section in _LIVE_ONLY)
     ]
 
 

@@ -150,6 +150,3 @@ CONSTANTS_OF: Final[Mapping[str, Mapping[str, float]]] = {
     "world": _WORLD,
 }
 """Section -> key -> value."""
-
-FORMER_DEFAULTS: Final[Mapping[tuple[str, str], float]] = {("guard", "keep_free_s"): 0.25}
-"""(section, key) -> default in 0.1.0, of constants with another value. A replay uses none of them."""
