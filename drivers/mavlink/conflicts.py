@@ -40,7 +40,6 @@ class ConflictDetector:
         self._left_out: OrderedDict[int, int] = OrderedDict()
         self._vehicles: OrderedDict[int, int] = OrderedDict()
         self._kinds: dict[int, str] = {}  # of the vehicles, by system id
-        self._replaced = False
         self._kind = ""
         self._contradiction_ns: int | None = None
         self._contradicting = ""
@@ -80,14 +79,23 @@ class ConflictDetector:
         _remember(self._left_out, system, now_ns)
 
     def vehicle(self, system: int, kind: str, now_ns: int) -> None:
-        """Records an autopilot that counts now, or a heartbeat of one whose system id the configuration does not exclude."""
+        """Records a heartbeat of an autopilot whose system id the configuration does not exclude."""
         _remember(self._vehicles, system, now_ns)
         self._kinds[system] = kind
+
+    def still_counts(self, system: int, kind: str, now_ns: int) -> None:
+        """Records an autopilot that counts, received or not. kind: without a heartbeat of it."""
+        self._kinds.setdefault(system, kind)
+        _remember(self._vehicles, system, now_ns)
 
     def several_vehicles(self, now_ns: int) -> bool:
         """Returns whether several autopilots were received whose system ids the configuration does not exclude: it is not known which
         one carries this computer."""
         return len(self._vehicles) > 1 and len(self._recent_vehicles(now_ns)) > 1
+
+    def vehicles(self, now_ns: int) -> dict[int, str]:
+        """Returns system id -> kind of the autopilots that were received recently, without those that the configuration excludes."""
+        return {system: self._kinds[system] for system in self._recent_vehicles(now_ns)}
 
     def _recent_vehicles(self, now_ns: int) -> list[int]:
         return sorted(s for s, at_ns in self._vehicles.items() if now_ns - at_ns < SEVERAL_NS)
@@ -105,11 +113,6 @@ class ConflictDetector:
     def kind_of_all(self, kind: str, now_ns: int) -> str:
         """Returns a kind with those of all vehicles that may be the own one."""
         return _either([kind, *(self._kinds[system] for system in self._recent_vehicles(now_ns))])
-
-    def another(self) -> None:
-        """Records that another vehicle is used from now on."""
-        self._kind, self._contradiction_ns = "", None
-        self._replaced = True
 
     def texts(
         self, now_ns: int, configured: int, *, connected: bool, two_clocks: bool = False, two_vehicles: bool = False
@@ -153,11 +156,10 @@ class ConflictDetector:
                 "another [autopilot] component_id"
             )
         vehicles = self._recent_vehicles(now_ns)
-        if not configured and (len(vehicles) > 1 or self._replaced):
-            used = "no attitude is used" if len(vehicles) > 1 else "the present one is used"
+        if not configured and len(vehicles) > 1:
             texts_by_topic["several vehicles"] = (
-                f"several vehicles, set system_id: received now {', '.join(map(str, vehicles)) or 'none'}; it is not known which "
-                f"one carries this computer, {used}; set [autopilot] system_id to it and restart the service"
+                f"several vehicles, set system_id: systems {', '.join(map(str, vehicles))}; it is not known which one carries this "
+                "computer, no attitude is used; set [autopilot] system_id to it and restart the service"
             )
         others = sorted(s for s, at_ns in self._left_out.items() if _recent(at_ns, now_ns))
         if configured and others and not connected:

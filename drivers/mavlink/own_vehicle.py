@@ -1,4 +1,7 @@
-"""Which autopilot is that of the own vehicle, by its newest heartbeat, and whether it is received."""
+"""Which autopilot is that of the own vehicle, by its newest heartbeat, and whether it is received.
+
+Without a configured system id it is the one that is received first, until the service is started again: the own one may fall
+silent and still receive, and must get no obstacles by the attitude of another one."""
 
 from __future__ import annotations
 
@@ -15,9 +18,8 @@ from .parser import MAVLINK1, Frame
 from .session_types import ARDUPILOT, PX4, Vehicle
 
 AUTOPILOTS = {dialect.MAV_AUTOPILOT_ARDUPILOTMEGA: ARDUPILOT, dialect.MAV_AUTOPILOT_PX4: PX4}
-SILENT_NS, IN_FLIGHT_NS = 3 * NS, 300 * NS
-"""Without messages for this long an autopilot counts as disconnected, and another one may take its place; the latter for one that was
-armed: it may still receive, and must get no obstacles by the attitude of another one."""
+SILENT_NS = 3 * NS
+"""Without messages for this long an autopilot counts as disconnected."""
 BROADCAST = 0
 """As target, this system id names all vehicles: an autopilot that uses it could not be commanded alone."""
 
@@ -69,29 +71,26 @@ class OwnVehicle:
         """Notes a message of the own autopilot."""
         self._received_ns = arrival_ns
 
-    def heartbeat(self, m: Any, arrival_ns: int) -> bool:
-        """Takes a HEARTBEAT. Returns whether another autopilot takes the place of the one before."""
+    def heartbeat(self, m: Any, arrival_ns: int) -> None:
+        """Takes a HEARTBEAT."""
         system = m.get_srcSystem()
         if not is_of_a_vehicle(m):
-            return False
+            return
         if system == BROADCAST:
             self.counts[LinkAnomaly.OTHER_VEHICLE] += 1
-            return False
+            return
         if self._configured not in (0, system):
             self._conflicts.left_out(system, arrival_ns)
             self.counts[LinkAnomaly.OTHER_VEHICLE] += 1
-            return False
+            return
         kind = AUTOPILOTS.get(int(m.autopilot), f"autopilot {int(m.autopilot)}")
         self._conflicts.vehicle(system, kind, arrival_ns)
         old = self.vehicle
-        another = old is not None and old.system_id != system
-        if old is not None and another:
-            if self.connected(arrival_ns) or (old.armed and arrival_ns - self._received_ns < IN_FLIGHT_NS):
-                self._conflicts.vehicle(old.system_id, old.autopilot, arrival_ns)  # it still counts, received or not
-                self.vehicle = replace(old, autopilot=self._conflicts.kind_of_all(old.autopilot, arrival_ns))
-                self.counts[LinkAnomaly.OTHER_VEHICLE] += 1
-                return False
-            self._conflicts.another()
+        if old is not None and old.system_id != system:
+            self._conflicts.still_counts(old.system_id, old.autopilot, arrival_ns)
+            self.vehicle = replace(old, autopilot=self._conflicts.kind_of_all(old.autopilot, arrival_ns))
+            self.counts[LinkAnomaly.OTHER_VEHICLE] += 1
+            return
         data = bytes(m.get_msgbuf())
         vehicle = Vehicle(
             system,
@@ -108,7 +107,6 @@ class OwnVehicle:
         else:
             self._heartbeats.add(data, arrival_ns)
             self.vehicle = vehicle
-        return another
 
     def connected(self, now_ns: int) -> bool:
         """True if any message of the autopilot arrived recently. On a bad link, single heartbeats are lost too easily."""

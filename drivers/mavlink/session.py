@@ -182,7 +182,7 @@ class MavlinkSession:
 
     def _read(self, kind: int, message: Any, arrival_ns: int) -> None:
         if kind == dialect.MAVLINK_MSG_ID_HEARTBEAT:
-            self._heartbeat(message, arrival_ns)
+            self.own.heartbeat(message, arrival_ns)
         if not self.own.is_source(message):
             return
         self._note_autopilot(kind, arrival_ns)
@@ -211,12 +211,6 @@ class MavlinkSession:
         self.own.received(arrival_ns)
         self.rates.received(kind, arrival_ns)
 
-    def _heartbeat(self, message: Any, arrival_ns: int) -> None:
-        if self.own.heartbeat(message, arrival_ns):
-            self.clock.restart()  # another autopilot, another clock
-            self._clock_restarts = self.clock.restarts
-            self._restart()
-
     def _restart(self) -> None:
         self._timesync.restart()
         self.rates.restart()
@@ -234,6 +228,10 @@ class MavlinkSession:
     def vehicle(self) -> Vehicle | None:
         """The received autopilot, by its newest heartbeat; None: none was received."""
         return self.own.vehicle
+
+    def vehicles(self, now_ns: int) -> dict[int, str]:
+        """Returns system id -> kind of the autopilots that may be the own one."""
+        return self._conflicts.vehicles(now_ns)
 
     def connected(self, now_ns: int) -> bool:
         """Returns whether any message of the autopilot arrived recently."""
