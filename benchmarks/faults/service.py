@@ -220,7 +220,8 @@ class Service:
         vehicle = self._vehicle(now_ns)
         if vehicle is None and self.session.own.fell_silent(now_ns):
             vehicle = self.session.vehicle
-        autopilot = AutopilotNow() if vehicle is None else self.values.state(vehicle, now_ns)
+        uncertain = self.session.status(now_ns).vehicle_uncertain
+        autopilot = AutopilotNow() if vehicle is None else self.values.state(vehicle, now_ns, is_uncertain=uncertain)
         if not autopilot.kind:
             self._builder.catch_up()
             return

@@ -54,14 +54,15 @@ class AutopilotValues:
         read = self.parameters.value(name)
         return self._last.of(vehicle.autopilot, vehicle.system_id).parameters.get(name) if read is None else read
 
-    def state(self, vehicle: Vehicle, now_ns: int) -> AutopilotNow:
-        """Returns the state of the autopilot for a decision."""
+    def state(self, vehicle: Vehicle, now_ns: int, *, is_uncertain: bool) -> AutopilotNow:
+        """Returns the state of the autopilot for a decision. is_uncertain: several vehicles may be the own one."""
         return AutopilotNow(
             kind=vehicle.autopilot,
             margin_m=self.parameter(vehicle, "AVOID_MARGIN"),
             cp_dist_m=self.parameter(vehicle, "CP_DIST"),
             on_ground=self._landed.on_ground(vehicle, now_ns),
             margin_is_read=self.parameters.value("AVOID_MARGIN") is not None,
+            is_uncertain=is_uncertain,
         )
 
     def close(self) -> None:

@@ -56,7 +56,8 @@ brakes for an obstacle from there: 1 / MPC_XY_P (0.95) + CP_DELAY (0.4 s) + the 
 GROUND_CM = 75
 """On the ground, nearer distances are sent as not seen. ArduPilot refuses to arm if anything is nearer than 60 cm."""
 CP_DIST_M = 3.0
-"""CP_DIST of the wall while it is not known, and heartbeats of PX4 and of another autopilot contradict each other."""
+"""Least CP_DIST of the wall while that of the own PX4 is not known: heartbeats of PX4 and of another autopilot contradict each other, or
+several vehicles are received."""
 OUTSIDE_CP_DIST_M = 0.02
 """Distance of the wall for PX4 beyond CP_DIST, so that rounding does not put it inside. PX4 v1.15 then creeps at 0.01
 m/s."""
@@ -71,6 +72,8 @@ class AutopilotNow:
     cp_dist_m: float | None = None  # CP_DIST; None: not known
     on_ground: bool = False  # the autopilot reports that the vehicle is on the ground
     margin_is_read: bool = True  # False: margin_m is from the last start, when another vehicle may have been connected
+    # several vehicles may be the own one: what was read is of one of them
+    is_uncertain: bool = False
 
     @property
     def may_be_px4(self) -> bool:
@@ -118,8 +121,14 @@ class PolicyInput:
 def policy_of(avoid: AvoidParams, autopilot: AutopilotNow) -> Policy:
     """Returns the policy by configuration and autopilot."""
     margin_m = avoid.avoid_margin_m if autopilot.margin_m is None else autopilot.margin_m
+    cp_dist_m = autopilot.cp_dist_m
+    if (
+        autopilot.is_uncertain
+    ):  # from a wall nearer than its own values a vehicle moves backwards, before a farther one it stands or creeps
+        margin_m = max(margin_m, avoid.avoid_margin_m)
+        cp_dist_m = None if cp_dist_m is None else max(cp_dist_m, CP_DIST_M)
     ardupilot_m = (margin_m - STOP_INSIDE_M) / FENCE_SHARE
-    px4_m = _px4_wall_m(avoid, autopilot.cp_dist_m)
+    px4_m = _px4_wall_m(avoid, cp_dist_m)
     if avoid.blind == "unknown":
         return Policy("unknown")
     if avoid.blind == "auto" and autopilot.kind == PX4:
@@ -130,7 +139,7 @@ def policy_of(avoid: AvoidParams, autopilot: AutopilotNow) -> Policy:
     outside_m = px4_m if px4_m is not None else CP_DIST_M + OUTSIDE_CP_DIST_M
     if autopilot.kind == PX4:
         return Policy("stop", outside_m, all_around=True)
-    if px4_m is None and autopilot.margin_m is not None and autopilot.margin_is_read:
+    if px4_m is None and autopilot.margin_m is not None and autopilot.margin_is_read and not autopilot.is_uncertain:
         return Policy("stop", ardupilot_m, all_around=True)  # PX4 has no AVOID_MARGIN that could have been read
     return Policy("stop", max(ardupilot_m, outside_m), all_around=True)
 

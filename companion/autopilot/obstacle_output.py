@@ -243,7 +243,8 @@ class ObstacleOutput:
         vehicle = self._line.vehicle() or self._line.silent()
         if vehicle is None:
             return AutopilotNow()
-        return self.values.state(vehicle, time.monotonic_ns())
+        is_uncertain = self._link is not None and self._link.vehicle_uncertain
+        return self.values.state(vehicle, time.monotonic_ns(), is_uncertain=is_uncertain)
 
     def _send(self, message: Any) -> None:
         report = self.sender.report  # may go out as many messages

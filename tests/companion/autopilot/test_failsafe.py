@@ -74,6 +74,17 @@ STOP, NOT_KNOWN = stop_at(2.0), Policy("unknown")
         (AutopilotNow(kind="ArduPilot or PX4", margin_m=2.0, margin_is_read=False), "stop", 3.02, True),
         (AutopilotNow(kind="ArduPilot or PX4", margin_m=5.0, margin_is_read=False), "stop", 5.369, True),
         (AutopilotNow(kind="ArduPilot or PX4", margin_m=5.0, cp_dist_m=3.0), "stop", 5.369, True),
+        # several vehicles: what was read may be of another one, so that the wall is not nearer than for the usual values
+        (AutopilotNow(kind="ArduPilot or PX4", margin_m=2.0, is_uncertain=True), "stop", 3.02, True),
+        (AutopilotNow(kind="ArduPilot or PX4", margin_m=5.0, is_uncertain=True), "stop", 5.369, True),
+        (AutopilotNow(kind="ArduPilot or PX4", cp_dist_m=0.5, is_uncertain=True), "stop", 3.02, True),
+        (AutopilotNow(kind="ArduPilot or PX4", cp_dist_m=4.0, is_uncertain=True), "stop", 4.02, True),
+        (AutopilotNow(kind="PX4", cp_dist_m=0.5, is_uncertain=True), "brake", 3.02, True),
+        (AutopilotNow(kind="PX4", cp_dist_m=-1.0, is_uncertain=True), "brake", 3.02, True),
+        (AutopilotNow(kind="PX4", cp_dist_m=4.0, is_uncertain=True), "brake", 4.02, True),
+        (AutopilotNow(kind="PX4", is_uncertain=True), "unknown", 0.0, False),
+        (AutopilotNow(kind="ArduPilot", margin_m=0.5, is_uncertain=True), "stop", 2.121, False),
+        (AutopilotNow(kind="ArduPilot", margin_m=5.0, is_uncertain=True), "stop", 5.369, False),
     ],
 )
 def test_policy_by_autopilot(autopilot: AutopilotNow, name: str, wall_m: float, all_around: bool) -> None:

@@ -13,8 +13,9 @@ from companion.autopilot.line import AutopilotLine
 from companion.autopilot.obstacle_output import ObstacleOutput
 from companion.autopilot.obstacle_report import CameraUse
 from companion.config.avoidance import AvoidParams
+from drivers.mavlink.clock_sync import ClockEstimate, ClockSource
 from drivers.mavlink.dialect import dialect
-from drivers.mavlink.session_types import Vehicle
+from drivers.mavlink.session_types import LinkStatus, Vehicle
 
 NS = 1_000_000_000
 
@@ -159,3 +160,30 @@ def test_a_kept_cp_dist_is_used_and_reported_until_it_is_read(tmp_path: Path) ->
     for k in range(20):
         part.values.parameters.take(dialect.MAVLink_param_value_message(b"CP_DIST", 3.0, 9, 1, 0), NS + k * NS // 10)
     assert not [d.text for d in part.diagnostics(4 * NS) if "last start" in d.text]
+
+
+@pytest.mark.parametrize("kind", ["ArduPilot or PX4", "ArduPilot", "PX4"])
+def test_what_was_read_of_one_of_several_vehicles_brings_no_wall_near(kind: str, tmp_path: Path) -> None:
+    """The own one may have other parameters. PX4 v1.16 flies backwards from a wall nearer than its CP_DIST, ArduPilot from one nearer
+    than AVOID_MARGIN: the wall stood at 0.6 m, by the first vehicle's AVOID_MARGIN."""
+    part = obstacle_output(tmp_path, kind=kind.split(" ")[0])
+    for k in range(20):
+        for name, value in ((b"AVOID_MARGIN", 0.6), (b"CP_DIST", 0.6)):
+            part.values.parameters.take(dialect.MAVLink_param_value_message(name, value, 9, 1, 0), NS + k * NS // 10)
+        part.tick(NS)
+    assert nearest_wall_m(part) < 0.7
+    other = Vehicle(1, kind, 2, True, 5, 0)
+    part._line = AutopilotLine(lambda: other, lambda message: None)
+    one = ClockEstimate(ClockSource.ENVELOPE)
+    link = LinkStatus(
+        vehicle=other,
+        clock=one,
+        clock_restarts=0,
+        attitude_hz=0.0,
+        position_hz=0.0,
+        received=1,
+        counts={},
+        vehicle_uncertain=True,
+    )
+    part.tick(4 * NS, link)
+    assert nearest_wall_m(part) >= (2.0 if kind == "ArduPilot" else 3.0)
