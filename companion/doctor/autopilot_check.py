@@ -180,7 +180,13 @@ def link_findings(config: Config, link: MavlinkLink, status: LinkStatus) -> Iter
         yield Finding("autopilot", False, text, DiagnosticCode.NO_HEARTBEAT)
         return
     v = status.vehicle
-    yield Finding("autopilot", True, f"{v.autopilot}, system {v.system_id}, {'ARMED' if v.armed else 'disarmed'}")
+    text = f"{v.autopilot}, system {v.system_id}, {'ARMED' if v.armed else 'disarmed'}"
+    if not config.autopilot.system_id:
+        text += (
+            f"; by the first heartbeat: if this is your vehicle, set [autopilot] system_id = {v.system_id}, so that another one "
+            "is never taken for it"
+        )
+    yield Finding("autopilot", True, text)
     yield _attitude_finding(status, config.autopilot)
     clock = status.clock
     if clock.bound_ns is not None and clock.bound_ns > LARGE_BOUND_NS:

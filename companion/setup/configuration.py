@@ -25,6 +25,7 @@ class Answers:
     width_m: float = 1.0
     height_m: float = 0.5
     autopilot: str = ""
+    system_id: int = 0  # of the own autopilot; 0: not known
     send: bool = False
     record: str = "always"
     calibration: DepthCalibration | None = None  # of a v4l2 camera
@@ -46,6 +47,7 @@ def configuration_text(answers: Answers) -> str:
         "",
         "[autopilot]",
         _line("address", a.autopilot, "" if a.autopilot else "none: serial:/dev/serial/by-id/NAME:BAUD or udpin:HOST:PORT"),
+        _line("system_id", a.system_id, "of this vehicle; 0: that of the first heartbeat, which may be of another vehicle"),
         "",
         "[avoid]",
         _line("send", a.send, "send obstacles to the autopilot; `companion doctor` names the parameters it needs"),

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -26,7 +27,12 @@ class FoundAutopilot:
     """An autopilot that was found."""
 
     address: str  # as in [autopilot]
-    name: str  # PX4 or another kind, with its system id
+    kinds: Mapping[int, str]  # system id -> PX4 or another kind; several: those of other vehicles are received, too
+
+    @property
+    def text(self) -> str:
+        """All autopilots."""
+        return ", ".join(f"{kind}, system {system}" for system, kind in self.kinds.items())
 
 
 def candidates(ports: Sequence[str]) -> Iterator[str]:
@@ -39,19 +45,21 @@ def candidates(ports: Sequence[str]) -> Iterator[str]:
 
 
 def autopilot_at(address: str, seconds: float, print_line: Callable[[str], None]) -> FoundAutopilot | None:
-    """The autopilot on an address; None where no heartbeat arrives. print_line: takes the cause if the line is not
-    open."""
+    """The autopilots on an address; None where no heartbeat arrives. seconds: longest wait for a first heartbeat, and wait for those
+    of others; print_line: takes the cause if the line is not open."""
     session = MavlinkSession(params_of(Config()))
     link = MavlinkLink(parse_address(address), session, lambda samples: None)
     link.open()
     try:
         wait_until(lambda: session.vehicle is not None, seconds)
-        vehicle = session.vehicle
+        if session.vehicle is not None:
+            time.sleep(seconds)
         if error := link.state.error:
             print_line(f"{address} is not open: {error.removeprefix(f'{address}: ')}")
     finally:
         link.close()
-    return None if vehicle is None else FoundAutopilot(address, f"{vehicle.autopilot}, system {vehicle.system_id}")
+    kinds = session.vehicles(time.monotonic_ns())
+    return FoundAutopilot(address, kinds) if kinds else None
 
 
 def find_autopilot(addresses: Sequence[str], print_line: Callable[[str], None]) -> FoundAutopilot | None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 from argparse import ArgumentTypeError
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -25,7 +26,7 @@ from ..usage_error import UsageError
 from ..whole_file import refuse_existing, write_whole
 from .configuration import Answers, configuration_text
 from .devices import FoundCamera, find_cameras, find_serial_ports
-from .listen import candidates, find_autopilot
+from .listen import FoundAutopilot, candidates, find_autopilot
 
 OUTPUT = Path("companion.toml")
 SIMULATED_ADDRESS = "udpin:127.0.0.1:14540"
@@ -188,7 +189,7 @@ def collect(args: argparse.Namespace, ask: Questions) -> Answers:
     camera = _camera(args.camera, ask)
     calibration_file = _calibration_file(args.calibration, camera.kind)
     pitch_question = "camera mount, pitch in degrees (a camera that looks down is negative)"
-    return Answers(
+    answers = Answers(
         kind=camera.kind,
         device=camera.device,
         serial=camera.serial if camera.kind == "v4l2" else "",
@@ -197,12 +198,13 @@ def collect(args: argparse.Namespace, ask: Questions) -> Answers:
         position_m=_position_m(args.position, ask),
         width_m=ask.number("width of the vehicle with rotors, in metres", 1.0, WIDTH_M, args.width),
         height_m=ask.number("height of the vehicle, in metres", 0.5, HEIGHT_M, args.height),
-        autopilot=_autopilot(args.autopilot or (SIMULATED_ADDRESS if camera.kind == "simulated" else None), ask),
         send=args.send,
         record=args.record or ("off" if camera.kind == "simulated" else "always"),
         calibration=_calibration(camera),
         calibration_file=calibration_file,
     )
+    address, system_id = _autopilot(args.autopilot or (SIMULATED_ADDRESS if camera.kind == "simulated" else None), ask)
+    return replace(answers, autopilot=address, system_id=system_id)
 
 
 def _position_m(given: tuple[float, float, float] | None, ask: Questions) -> tuple[float, float, float]:
@@ -244,15 +246,34 @@ def _camera(given: str | None, ask: Questions) -> FoundCamera:
     return found[number - 1]
 
 
-def _autopilot(given: str | None, ask: Questions) -> str:
-    """The address of the flag, else the first with a heartbeat, else that of the answer."""
+def _autopilot(given: str | None, ask: Questions) -> tuple[str, int]:
+    """Address and system id: the address of the flag, else the first with a heartbeat, else that of the answer. The id is 0 where
+    it is not known."""
     if given:
-        return "" if given == "none" else given
+        return ("" if given == "none" else given), 0
     ports = find_serial_ports()
     print_line(f"serial ports: {', '.join(ports) or 'none'}")
     if (found := find_autopilot(tuple(candidates(ports)), print_line)) is not None:
-        print_line(f"autopilot: {found.name} on {found.address}")
-        return found.address
+        print_line(f"autopilot: {found.text} on {found.address}")
+        return found.address, _system_id(found, ask)
+    return _asked_address(ask), 0
+
+
+def _system_id(found: FoundAutopilot, ask: Questions) -> int:
+    """The id of the own autopilot; 0: not known."""
+    if len(found.kinds) == 1:
+        return next(iter(found.kinds))
+    number = ask.number("system id of this vehicle's autopilot (0: not known)", 0, (0, 255))
+    if number == 0:
+        warn(
+            f"autopilots of several vehicles are received: {found.text}; set [autopilot] system_id to that of this vehicle (PX4: "
+            "MAV_SYS_ID, ArduPilot: SYSID_THISMAV, in newer versions MAV_SYSID): without it all cameras are blind"
+        )
+    return number
+
+
+def _asked_address(ask: Questions) -> str:
+    """The address of the answer."""
     warn("no heartbeat of an autopilot: check cable, power and the baud rate of its port")
     while address := ask.text("address of the autopilot (empty: none)", ""):
         try:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from contextlib import ExitStack
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -15,7 +16,11 @@ from companion.config.loader import load_config
 from companion.setup import listen
 from companion.setup.configuration import Answers, configuration_text
 from companion.setup.devices import FoundCamera, find_cameras, find_serial_ports
-from companion.setup.listen import candidates
+from companion.setup.listen import FoundAutopilot, candidates
+from drivers.simulation.autopilot import ARDUPILOT, PX4, SimulatedAutopilot
+from drivers.simulation.autopilot_link import AutopilotLink, UdpEnd
+from drivers.simulation.firmware_profile import FirmwareProfile
+from tests.ports import free_port
 
 from ..usb_tree import CALIBRATION, D435, usb, video
 
@@ -333,3 +338,72 @@ def test_a_port_that_cannot_be_opened_is_named(tmp_path: Path, monkeypatch: pyte
     _, cause = said
     assert cause.startswith(f"serial:{port}:57600 is not open: ")
     assert cause.count(str(port)) == 1
+
+
+def heard(*systems: tuple[int, str]) -> FoundAutopilot:
+    """What is received on one line while autopilots with these system ids and of these kinds send to it."""
+    port = free_port()
+    with ExitStack() as stack:
+        for system, kind in systems:
+            profile = FirmwareProfile(kind=kind, system_id=system)
+            stack.enter_context(AutopilotLink(SimulatedAutopilot(profile), UdpEnd("127.0.0.1", port)))
+        found = listen.autopilot_at(f"udpin:127.0.0.1:{port}", 2.5, print)
+    assert found is not None
+    return found
+
+
+@pytest.mark.process
+def test_all_autopilots_on_a_line_are_found() -> None:
+    """The first was taken, whichever that was."""
+    assert dict(heard((3, PX4)).kinds) == {3: PX4}
+    found = heard((3, PX4), (7, ARDUPILOT))
+    assert dict(found.kinds) == {3: PX4, 7: ARDUPILOT}
+    assert found.text == "PX4, system 3, ArduPilot, system 7"
+
+
+@pytest.mark.parametrize(
+    ("kinds", "typed_lines", "system_id", "is_warned"),
+    [
+        ({3: PX4}, (), 3, False),
+        ({3: PX4, 7: ARDUPILOT}, ("7",), 7, False),
+        ({3: PX4, 7: ARDUPILOT}, ("",), 0, True),
+        ({3: PX4, 7: ARDUPILOT}, None, 0, True),
+    ],
+)
+def test_the_system_id_is_written_where_it_is_known(
+    kinds: dict[int, str],
+    typed_lines: tuple[str, ...] | None,
+    system_id: int,
+    is_warned: bool,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """Without it the autopilot of another vehicle is taken for the own one where that is not received. typed_lines: None for --yes."""
+    found = FoundAutopilot("udpin:0.0.0.0:14540", kinds)
+    monkeypatch.setattr(setup, "find_autopilot", lambda addresses, print_line: found)
+    typed(monkeypatch, *(typed_lines or ()))
+    options = [
+        "--pitch",
+        "0",
+        "--yaw",
+        "0",
+        "--position",
+        "0",
+        "0",
+        "0",
+        "--width",
+        "1",
+        "--height",
+        "1",
+        "--no-doctor",
+    ]
+    out = tmp_path / "c.toml"
+    assert (
+        main(["setup", "--camera", "oak", *options, *(["--yes"] if typed_lines is None else []), "-o", str(out)]) == 0
+    )
+    config = load_config(out).autopilot
+    assert (config.address, config.system_id) == (found.address, system_id)
+    output = capsys.readouterr()
+    assert "PX4, system 3" in output.out
+    assert ("set [autopilot] system_id to that of this vehicle" in output.err) is is_warned
