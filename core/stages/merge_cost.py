@@ -130,7 +130,8 @@ def surely_apart(p, q, gap_m):
 
 @inline_ieee
 def front_on(p, a, b):
-    """Returns an upper bound of front_m of p for the line s = a + b t."""
+    """Returns an estimate of front_m of p for the line s = a + b t: by the distance between the two lines at the ends of p, which
+    can be greater between them. `measure_planes` computes front_m from the strips after all merges."""
     first = 1.0 / (a + b * p.t0) - p.x0
     last = 1.0 / (a + b * p.t1) - p.x1
     return p.front_m + max(first, last)
