@@ -68,7 +68,7 @@ REMEDIES: Final[Mapping[str, Mapping[D, str]]] = {
         D.DUPLICATE_AUTOPILOT: (
             "find the second sender; give each vehicle its own system id. Copies that arrive late by another route cause it too"
         ),
-        D.SEVERAL_VEHICLES: "set `[autopilot] system_id`: without it no attitude is used while several are received, and for 60 s after",
+        D.SEVERAL_VEHICLES: "set `[autopilot] system_id`: without it no attitude is used while several are received, and for 60 s after. After a change of the autopilot's id restart the service",
         D.DUPLICATE_OBSTACLE_SOURCE: (
             'the "clear" of one overwrites the obstacle of the other: switch one off, or do not forward its messages'
         ),
