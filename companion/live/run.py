@@ -170,17 +170,18 @@ def _run(path: Path) -> int:
     from ..kernels.loading import Loading
 
     loading = Loading(*_kernels_of(config))  # loads beside the imports, which take longer
+    notifier = Notifier()
+    notifier.extend_timeout(START_S)
+    loading.start()
+    from .service import Service
+
     stop = threading.Event()
 
     def end() -> None:
         stop.set()
         loading.cancel()  # ends a child process that compiles
 
-    at_stop_signal(end)
-    notifier = Notifier()
-    notifier.extend_timeout(START_S)
-    loading.start()
-    from .service import Service
+    at_stop_signal(end)  # a signal before it ends the process at once, and with it the child
 
     def warm_up() -> None:
         try:

@@ -130,7 +130,14 @@ sys.meta_path.insert(0, Swallowing())
 
 @pytest.mark.process
 @pytest.mark.parametrize(
-    "module", ["companion.kernels.jit_cache", "companion.cli", "companion.config.loader", "companion.kernels.loading"]
+    "module",
+    [
+        "companion.kernels.jit_cache",
+        "companion.cli",
+        "companion.config.loader",
+        "companion.kernels.loading",
+        "companion.live.service",
+    ],
 )
 def test_ctrl_c_within_an_import_that_catches_everything_ends_the_start(module: str, tmp_path: Path) -> None:
     """One of 40 interrupted starts of the service ran on: the KeyboardInterrupt was raised within an import and lost."""
