@@ -48,10 +48,11 @@ class FreeTables(NamedTuple):
 
 
 def empty_free(most: int) -> FreeTables:
-    """Returns empty tables for this number of blocks."""
+    """Returns empty tables for this number of blocks. Pages that are never written take no memory: `block_for` fills the
+    ground of a block when it takes one."""
     heads = np.full(1 << max(6, math.ceil(math.log2(most))), NO_BLOCK, np.int32)
     masks = np.zeros((most, 2, SIDE * SIDE), np.uint64)
-    ground = np.full((most, SIDE * SIDE, 2), np.nan, np.float32)
+    ground = np.zeros((most, SIDE * SIDE, 2), np.float32)
     return FreeTables(np.zeros(most, BLOCK), masks, heads, ground, np.zeros(1, FREE_STATE))
 
 

@@ -1,7 +1,7 @@
 """The merged world: planes and free space of all frames of a flight, in ned by the autopilot's position estimate.
 
-A jump of the estimate begins a new section. The previous section is kept apart, because its place in the new frame is
-not known. Without a position there is no merged world; clients then use the newest frame and a short memory
+A jump of the estimate begins a new section. Of the previous one the planes are kept apart, because its place in the new
+frame is not known. Without a position there is no merged world; clients then use the newest frame and a short memory
 (osape_client/world/level_memory.py)."""
 
 from __future__ import annotations
@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from ..free_view import FreeView, free_view
 from ..types import FrameModel, Ground
 from .association import OBSERVATION
-from .evidence import empty_steps
 from .free_grid import empty_free, held_blocks, see_free, seen_blocks
 from .free_removal import arrived_in_free, remove_free
 from .ground import see_ground
@@ -78,7 +77,7 @@ class World:
         self.params, self._first_section = params or WorldParams(), first_section
         self._rules = rules_of(self.params)
         self.section: Section | None = None
-        self.past: deque[Section] = deque()
+        self.past: deque[SavedSection] = deque()
         self.counts = WorldCounts()
         self._epoch_ns = round(0.5 * self.params.free_age_s * NS)
         self._back_since_ns: int | None = None  # first stamp of the frames in a row that lie far before the newest one
@@ -183,7 +182,7 @@ class World:
 
     def saved(self) -> tuple[SavedSection, ...]:
         """Returns all sections, the newest last, for `serialize.bytes_of`."""
-        return tuple(saved_section(s) for s in (*self.past, *([self.section] if self.section is not None else [])))
+        return (*self.past, *([saved_section(self.section)] if self.section is not None else []))
 
     def load(self, sections: tuple[SavedSection, ...]) -> None:
         """Begins a section with saved planes. Planes of one surface are joined, and no space becomes free.
@@ -252,12 +251,10 @@ class World:
         return begun
 
     def _begin(self, why: str, t_ns: int, reset_counter: int, place_m: tuple[float, float, float]) -> Section:
-        """Begins a section; the one before is kept apart."""
+        """Begins a section. Of the one before the planes are kept; its tables are released before new ones are made."""
         if self.section is not None:
-            # nothing is added to it any more
-            self.section.tables = self.section.tables._replace(steps=empty_steps(0, 0.0))
-            self.section.recent = []
-            self.past.append(self.section)
+            self.past.append(saved_section(self.section))
+            self.section = None
             while len(self.past) > self.params.most_sections:
                 self.past.popleft()
                 self.counts.sections_dropped += 1

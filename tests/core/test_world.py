@@ -277,7 +277,7 @@ def test_a_jump_begins_a_new_section_and_nothing_is_smeared(change: dict, why: s
     assert p.section == 2
     assert p.planes[0, 0] == pytest.approx(8.2)  # not the mean of both
     assert world.counts.why == {"first": 1, why: 1}
-    assert [s.planes for s in world.past] == [1]
+    assert [len(s.box) for s in world.past] == [1]
     # what only the old section saw is not free any more
     assert WorldSpace(p).points([[4, -2, 0]]).tolist() == [Occupancy.UNKNOWN]
 

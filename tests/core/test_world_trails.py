@@ -76,14 +76,6 @@ def test_a_plane_with_more_steps_than_its_row_is_kept_whole() -> None:
     assert len(world.picture(40 * STEP_NS).planes) == 1
 
 
-def test_past_sections_keep_no_evidence() -> None:
-    world = World()
-    for k in range(2):
-        world.add(seen(np.array([BACK]), (0.0, 0.0), 0.0, k * STEP_NS, reset_counter=k))
-    assert world.past[0].planes == 1
-    assert world.past[0].tables.steps.size == 0
-
-
 # ---- what is in view --------------------------------------------------------------------------------------------------
 
 

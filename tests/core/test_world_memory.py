@@ -1,0 +1,38 @@
+"""The memory of the merged world: tables take what is in use, and those of past sections are released."""
+
+from __future__ import annotations
+
+import os
+import weakref
+from pathlib import Path
+
+import numpy as np
+
+from core.world.free_grid import empty_free
+from core.world.plane_index import empty_tables
+from core.world.world import World
+
+from .worlds import NS, seen, wall
+
+
+def test_the_tables_of_a_past_section_are_released() -> None:
+    """They have tens of megabytes, and only its planes are ever asked for."""
+    world = World()
+    world.add(seen(np.array([wall(8.0, -4.0, 8.0, 4.0)]), (0.0, 0.0), 0.0, 0))
+    assert world.section is not None
+    tables = [weakref.ref(table) for table in (*world.section.tables, *world.section.free)]
+    world.add(seen(np.zeros((0, 6)), (0.0, 0.0), 0.0, NS // 10, reset_counter=1))
+    assert [table() for table in tables if table() is not None] == []
+    assert [len(s.box) for s in world.saved()] == [1, 0]
+
+
+def test_tables_that_were_never_written_take_no_memory() -> None:
+    """Each jump of the position makes new ones."""
+
+    def resident_bytes() -> int:
+        return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
+
+    before = resident_bytes()
+    tables = [*empty_tables(262144), *empty_free(262144)]
+    assert sum(table.nbytes for table in tables) > 2e9
+    assert resident_bytes() - before < 50e6
