@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from ..jit import inner, record
 from .join_cost import axis_of, box_of
+from .zero_table import zero_table
 
 STEP = record(
     ("hits", np.uint16),  # observations
@@ -46,8 +47,8 @@ class Steps(NamedTuple):
 
 
 def empty_steps(most_planes: int, longest_m: float) -> NDArray[Any]:
-    """Returns (P, N) STEP for planes of up to longest_m. Pages that are never written take no memory."""
-    return np.zeros((most_planes, math.ceil(longest_m / STEP_M) + 2), STEP)
+    """Returns (P, N) STEP for planes of up to longest_m."""
+    return zero_table((most_planes, math.ceil(longest_m / STEP_M) + 2), STEP)
 
 
 @inner

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from ..free_view import azimuth_from, direction_at, lowest_free
 from ..jit import inner, kernel, record
+from .zero_table import zero_table
 
 CELL_M = 0.5
 """Width and height of a cell; docs/research/world-notes.md compares other sizes."""
@@ -48,11 +49,10 @@ class FreeTables(NamedTuple):
 
 
 def empty_free(most: int) -> FreeTables:
-    """Returns empty tables for this number of blocks. Pages that are never written take no memory: `block_for` fills the
-    ground of a block when it takes one."""
+    """Returns empty tables for this number of blocks. `block_for` fills the ground of a block when it takes one."""
     heads = np.full(1 << max(6, math.ceil(math.log2(most))), NO_BLOCK, np.int32)
-    masks = np.zeros((most, 2, SIDE * SIDE), np.uint64)
-    ground = np.zeros((most, SIDE * SIDE, 2), np.float32)
+    masks = zero_table((most, 2, SIDE * SIDE), np.uint64)
+    ground = zero_table((most, SIDE * SIDE, 2), np.float32)
     return FreeTables(np.zeros(most, BLOCK), masks, heads, ground, np.zeros(1, FREE_STATE))
 
 

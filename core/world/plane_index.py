@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from ..jit import inner, record
 from .evidence import empty_steps, erase, plane_steps
 from .free_grid import EDGE_M, cells_beside
+from .zero_table import zero_table
 
 SQUARE_M = 8.0
 """Side of a square, of which a frame covers some dozen."""
@@ -73,14 +74,15 @@ class Tables(NamedTuple):
 
 
 def empty_tables(most: int, longest_m: float = 100.0) -> Tables:
-    """Returns empty tables for this number of planes. Pages that are never written take no memory.
+    """Returns empty tables for this number of planes.
 
     longest_m: length of the longest joined plane."""
     heads = np.full(1 << max(6, math.ceil(math.log2(max(1, most // 4)))), NONE, np.int32)
     state = np.zeros(1, TABLE_STATE)
     for name in ("free_slot", "oldest", "newest", "free_link"):
         state[name] = NONE
-    return Tables(np.zeros(most, SLOT), empty_steps(most, longest_m), heads, np.zeros(_LINKS * most, LINK), state)
+    links = zero_table((_LINKS * most,), LINK)
+    return Tables(zero_table((most,), SLOT), empty_steps(most, longest_m), heads, links, state)
 
 
 def columns(planes: NDArray[Any], names: tuple[str, ...]) -> NDArray[Any]:

@@ -15,6 +15,10 @@ from core.world.world import World
 from .worlds import NS, seen, wall
 
 
+def resident_bytes() -> int:
+    return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
+
+
 def test_the_tables_of_a_past_section_are_released() -> None:
     """They have tens of megabytes, and only its planes are ever asked for."""
     world = World()
@@ -29,10 +33,17 @@ def test_the_tables_of_a_past_section_are_released() -> None:
 def test_tables_that_were_never_written_take_no_memory() -> None:
     """Each jump of the position makes new ones."""
 
-    def resident_bytes() -> int:
-        return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
-
     before = resident_bytes()
     tables = [*empty_tables(262144), *empty_free(262144)]
     assert sum(table.nbytes for table in tables) > 2e9
     assert resident_bytes() - before < 50e6
+
+
+def test_many_jumps_of_the_position_take_no_memory() -> None:
+    """glibc takes a table from its heap, and clears all of it, once one of that size was freed."""
+    world = World()
+    world.add(seen(np.array([wall(8.0, -4.0, 8.0, 4.0)]), (0.0, 0.0), 0.0, 0))
+    before = resident_bytes()
+    for k in range(1, 10):
+        world.add(seen(np.array([wall(8.0, -4.0, 8.0, 4.0)]), (0.0, 0.0), 0.0, k * NS // 10, reset_counter=k))
+    assert resident_bytes() - before < 10e6
