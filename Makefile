@@ -1,4 +1,4 @@
-# `make demo` and `make test` make their own environment; nothing but make and Python >= 3.11 (with venv) is needed.
+# `make demo` and `make test` make their own environment; nothing but make and Python 3.11 to 3.14 (with venv) is needed.
 SHELL := /bin/bash
 .SHELLFLAGS := -euo pipefail -c
 .DELETE_ON_ERROR:

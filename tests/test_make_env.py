@@ -41,3 +41,40 @@ def test_each_package_is_shown_while_pip_runs(status: int, tmp_path: Path) -> No
         rest = process.stdout.read()
     assert "  unpacking them\n" in rest
     assert process.returncode == status
+
+
+def found(folder: Path, **versions: str) -> subprocess.CompletedProcess[str]:
+    """What .ci/find-python answers where only these commands exist: name -> version, with " no venv" behind it."""
+    for name, version in versions.items():
+        command = folder / name.replace("_", ".")
+        number, _, lacks_venv = version.partition(" ")
+        command.write_text(f'#!/bin/sh\ncase "$2" in *venv*) exit {int(bool(lacks_venv))} ;; esac\necho {number}\n')
+        command.chmod(0o755)
+    command_line = ["/bin/bash", str(ROOT / ".ci" / "find-python")]
+    return subprocess.run(command_line, env={"PATH": str(folder)}, capture_output=True, text=True, check=False)
+
+
+@pytest.mark.parametrize("version", ["3.11", "3.14"])
+def test_a_supported_python_is_found(version: str, tmp_path: Path) -> None:
+    assert found(tmp_path, python3=version).stdout == f"{tmp_path}/python3\n"
+
+
+@pytest.mark.parametrize("other", ["3.10", "3.15", "3.12 no venv"])
+def test_the_python_of_the_system_may_be_another_one(other: str, tmp_path: Path) -> None:
+    assert found(tmp_path, python3=other, python3_13="3.13").stdout == f"{tmp_path}/python3.13\n"
+
+
+@pytest.mark.parametrize(
+    ("versions", "expected"),
+    [
+        ({}, "no python3 was found"),
+        ({"python3": "3.10"}, "python3 is 3.10 (not supported)"),
+        ({"python3": "3.15"}, "python3 is 3.15 (not supported)"),
+        ({"python3": "3.12 no venv"}, "sudo apt install python3.12-venv"),
+    ],
+)
+def test_what_to_install_is_named(versions: dict[str, str], expected: str, tmp_path: Path) -> None:
+    answer = found(tmp_path, **versions)
+    assert (answer.returncode, answer.stdout) == (1, "")
+    assert expected in answer.stderr
+    assert "sudo apt install python3-venv" in answer.stderr
