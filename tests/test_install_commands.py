@@ -41,3 +41,10 @@ def test_messages_name_a_command_and_not_an_extra() -> None:
 def test_the_command_is_for_this_environment(writable: bool, prefix: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(os, "access", lambda path, mode: writable)
     assert install_command("depthai>=3.0,<4") == f"{prefix}{sys.executable} -m pip install 'depthai>=3.0,<4'"
+
+
+def test_no_page_replaces_the_checkout_in_its_environment_by_a_copy() -> None:
+    """`pip install '.[batch]'` in the environment of `make env`: later changes of the checkout had no effect."""
+    texts = [*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")]
+    copies = re.compile(r"pip install (?!-e|--editable)[^\n]*'\.\[")
+    assert [str(f.relative_to(ROOT)) for f in texts if copies.search(f.read_text())] == []
