@@ -130,6 +130,13 @@ def test_tracks_without_their_end_are_not_used(tmp_path: Path) -> None:
             while not subscriber.undecodable:
                 socket.send(pb.Tracks(schema_version=1).SerializeToString())
                 assert subscriber.wait(0.1) is None
+            assert (
+                subscriber.last_error == f"{address}: a message is cut short: the part that is written last is missing"
+            )
+            while subscriber.undecodable < 3:
+                socket.send(pb.Tracks(schema_version=2).SerializeToString())
+                assert subscriber.wait(0.1) is None
+            assert "schema version 2" in subscriber.last_error
 
 
 def test_a_message_without_its_end_does_not_replace_an_earlier_one(tmp_path: Path) -> None:
@@ -145,6 +152,9 @@ def test_a_message_without_its_end_does_not_replace_an_earlier_one(tmp_path: Pat
             while not subscriber.undecodable:
                 socket.send(cut)
                 assert subscriber.newest(section=3, wait_s=0.1).movers
+            assert (
+                subscriber.last_error == f"{address}: a message is cut short: the part that is written last is missing"
+            )
 
 
 number = st.floats(-50.0, 50.0)

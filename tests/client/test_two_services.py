@@ -161,10 +161,10 @@ def test_tracks_and_neighbours_of_two_services_are_not_used(proxy: Proxy, pair: 
         assert until(lambda: client.wait(0.05) is None, 60.0)
         proxy.send(tracks, pair[1])
         assert client.wait(60.0) is not None
-        for service in pair * 2:
+        for count, service in enumerate(pair * 2, start=1):
             proxy.send(tracks, service)
-            assert client.wait(0.3) is None
-        assert client.conflicting == 4
+            assert until(lambda count=count: client.wait(0.05) is None and client.conflicting == count, 60.0)
+        assert client.last_error == f"{proxy.address}: {sources.CONFLICT_TEXT}"
     with NeighboursSubscriber(proxy.address) as other:
         assert until(lambda: (proxy.send(neighbours, pair[0]), other.newest(wait_s=0.05).t_ns)[1], 60.0)
         assert until(lambda: (other.newest(wait_s=0.05), other.newest().t_ns == neighbours.t_ns)[1], 60.0)
@@ -175,6 +175,7 @@ def test_tracks_and_neighbours_of_two_services_are_not_used(proxy: Proxy, pair: 
             proxy.send(neighbours, service)
             assert until(lambda count=count: (other.newest(wait_s=0.05), other.conflicting == count)[1], 60.0)
             assert other.newest().t_ns in (newest_ns, 0)
+        assert other.last_error == f"{proxy.address}: {sources.CONFLICT_TEXT}"
 
 
 @PAIRS

@@ -15,23 +15,24 @@ from .clock import LONGEST_WAIT_S, clock_ns
 from .neighbours import NeighbourObstacles, no_obstacles
 from .proto import osape_v1_pb2 as pb
 from .receive_time import Delays
-from .sources import Sources, Verdict
-from .stream_subscriber import StreamSubscriber
+from .sources import CONFLICT_TEXT, Sources, Verdict
+from .stream_subscriber import StreamSubscriber, check_complete
 
 NS = 1_000_000_000
 SCHEMA_VERSION = 1
 
 
 class NeighboursSubscriber(StreamSubscriber):
-    """Receives the stream `neighbours`. conflicting: number of messages that were not used because two services publish to the
-    address. Not thread-safe.
+    """Receives the stream `neighbours`. undecodable: number of messages of another schema, or whose parts do not fit together;
+    conflicting: of those that were not used because two services publish to the address; last_error: the address and the cause of
+    the last one. Not thread-safe.
 
     address: None: the service on this machine; timeout_s: obstacles of an older message are not returned; keys: folder of this
     client's CURVE keys. Raises KeyFileError."""
 
     def __init__(self, address: str | None = None, *, timeout_s: float = 1.0, keys: Path | None = None) -> None:
         super().__init__("neighbours", address, keys)
-        self.undecodable = self.conflicting = 0
+        self.undecodable, self.conflicting, self.last_error = 0, 0, ""
         self._timeout_s = timeout_s
         self._newest: NeighbourObstacles | None = None
         self._received_ns = self._sent_age_ns = self._late_ns = 0
@@ -54,17 +55,17 @@ class NeighboursSubscriber(StreamSubscriber):
         message = pb.NeighbourObstacles()
         try:
             message.ParseFromString(data)
-            if message.schema_version != SCHEMA_VERSION:
-                raise ValueError(f"schema {message.schema_version}, expected {SCHEMA_VERSION}")
-            if not message.HasField("publication"):
-                raise ValueError("cut short: the part that is written last is missing")
+            check_complete(message, SCHEMA_VERSION)
             found = NeighbourObstacles(message)
             verdict = self._sources.take(message.publication, message.t_ns, received_ns)
-            self.conflicting += verdict is Verdict.CONFLICT
+            if verdict is Verdict.CONFLICT:
+                self.conflicting += 1
+                self.last_error = f"{self.address}: {CONFLICT_TEXT}"
             if verdict is not Verdict.USED:
                 return
             self._newest, self._received_ns = found, received_ns
             self._sent_age_ns = max(0, message.publication.age_ns)
             self._late_ns = received_ns - self._delays.arrival_ns(message.publication, message.t_ns, received_ns)
-        except (DecodeError, ValueError):
+        except (DecodeError, ValueError) as error:
             self.undecodable += 1
+            self.last_error = f"{self.address}: {error}"

@@ -9,6 +9,7 @@ from typing import Self
 import zmq
 
 from .connect import connect
+from .proto import osape_v1_pb2 as pb
 from .receive_time import TimedSocket
 from .run_folder import run_folder
 
@@ -48,3 +49,13 @@ class StreamSubscriber:
         """Closes the subscription: to receive then raises RuntimeError. May be called twice."""
         self._socket.close()
         self._context.term()
+
+
+def check_complete(message: pb.Tracks | pb.NeighbourObstacles, schema_version: int) -> None:
+    """Raises ValueError for a message of another schema, and for one without the part that is written last."""
+    if message.schema_version != schema_version:
+        raise ValueError(
+            f"schema version {message.schema_version}; this client reads {schema_version}: update osape-client"
+        )
+    if not message.HasField("publication"):
+        raise ValueError("a message is cut short: the part that is written last is missing")

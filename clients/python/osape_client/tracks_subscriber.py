@@ -17,8 +17,8 @@ from google.protobuf.message import DecodeError
 from .clock import clock_ns, deadline_ns
 from .proto import osape_v1_pb2 as pb
 from .receive_time import Delays, age_ns
-from .sources import Sources, Verdict
-from .stream_subscriber import StreamSubscriber
+from .sources import CONFLICT_TEXT, Sources, Verdict
+from .stream_subscriber import StreamSubscriber, check_complete
 from .tracks import Tracks, tracks_from_message
 
 NS = 1_000_000_000
@@ -53,14 +53,14 @@ class ReceivedTracks:
 class TracksSubscriber(StreamSubscriber):
     """Receives the stream `tracks`; only the newest message is kept, of whichever camera. Messages of another schema, and
     those without the part that is written last, are counted in `undecodable`, those that are not used because two services publish to
-    the address in `conflicting`. Not thread-safe.
+    the address in `conflicting`; `last_error` is the address and the cause of the last one. Not thread-safe.
 
     address: None: the service on this machine; timeout_s: age at which a message becomes stale; keys: folder of this
     client's CURVE keys. Raises KeyFileError."""
 
     def __init__(self, address: str | None = None, *, timeout_s: float = 0.4, keys: Path | None = None) -> None:
         super().__init__("tracks", address, keys)
-        self.undecodable = self.conflicting = 0
+        self.undecodable, self.conflicting, self.last_error = 0, 0, ""
         self._delays, self._sources = Delays(), Sources()
         self._timeout_s = timeout_s
 
@@ -70,21 +70,29 @@ class TracksSubscriber(StreamSubscriber):
         while True:
             received = self._socket.take(max(0, (end_ns - clock_ns()) // 1_000_000))
             if received is not None:
-                content = pb.Tracks()
-                try:
-                    content.ParseFromString(received[0])
-                except DecodeError:
-                    content.Clear()
-                if content.schema_version != SCHEMA_VERSION or not content.HasField("publication"):
-                    self.undecodable += 1
-                elif self._is_usable(content, received[1]):
+                content = self._decoded(received[0])
+                if content is not None and self._is_usable(content, received[1]):
                     arrival_ns = self._delays.arrival_ns(content.publication, content.t_exposure_ns, received[1])
                     return ReceivedTracks(content, arrival_ns, self._timeout_s)
             if clock_ns() >= end_ns:
                 return None
 
+    def _decoded(self, data: bytes) -> pb.Tracks | None:
+        """None: another message, which is counted."""
+        content = pb.Tracks()
+        try:
+            content.ParseFromString(data)
+            check_complete(content, SCHEMA_VERSION)
+        except (DecodeError, ValueError) as error:
+            self.undecodable += 1
+            self.last_error = f"{self.address}: {error}"
+            return None
+        return content
+
     def _is_usable(self, content: pb.Tracks, received_ns: int) -> bool:
         """False: of a service that has ended, or of one of two."""
         verdict = self._sources.take(content.publication, content.t_exposure_ns, received_ns)
-        self.conflicting += verdict is Verdict.CONFLICT
+        if verdict is Verdict.CONFLICT:
+            self.conflicting += 1
+            self.last_error = f"{self.address}: {CONFLICT_TEXT}"
         return verdict is Verdict.USED
