@@ -112,7 +112,7 @@ class Header:
     vehicle: int  # 1..255
     stream: int  # number of a start of the sender, increasing with each start
     sent_ms: int  # time since that start, increasing with each packet
-    section: int  # number of the sender's frame, which changes when its position jumps
+    section: int  # number of the sender's frame, which changes when its position jumps or its origin is corrected
 
 
 Content = VehicleState | SharedPlanes | tuple[SharedMover, ...]

@@ -32,7 +32,7 @@ from .packet_codec import (
     state_packet,
 )
 from .plane_codec import LONG, SHORT, Anchor
-from .records import PLANE_IDS, Header, Motion, PacketError, SharedMover, SharedPlanes, VehicleState
+from .records import PLANE_IDS, Header, LocalFrame, Motion, PacketError, SharedMover, SharedPlanes, VehicleState
 from .send_budget import PACKET_S, Budget, SentBytes
 
 NS = 1_000_000_000
@@ -81,7 +81,9 @@ class SendQueue:
         self._boxes = np.zeros((PLANE_IDS, 6))
         self._times = np.zeros(PLANE_IDS, np.int32)
         self._sent_ns = np.full(PLANE_IDS, NEVER_NS, np.int64)
-        self._sent_ms, self._section, self._next_mover = -1, -1, 0
+        self._sent_ms, self._next_mover = -1, 0
+        self._frame: tuple[int, LocalFrame | None] = -1, None
+        self._corrections = 0
         self._sent = SentBytes(budget, begun_ns)
         self._state_ns = self._motion_ns = self._movers_ns = NEVER_NS
         self._states = 0
@@ -90,9 +92,7 @@ class SendQueue:
     def packets(self, offer: Offer, now_ns: int) -> list[bytes]:
         """Returns the packets to send now; call it about ten times per second."""
         self._sent.follow(now_ns)
-        if offer.section != self._section:
-            self._section, self._states = offer.section, 0
-            self._times[:], self._sent_ns[:] = 0, NEVER_NS
+        self._follow_frame(offer)
         out: list[bytes] = []
         self._add_state(out, offer, now_ns)
         if offer.movers and now_ns - self._movers_ns >= MOVERS_NS:
@@ -101,6 +101,16 @@ class SendQueue:
         self._add_planes(out, offer, now_ns)
         self._add_motion(out, offer, now_ns)
         return out
+
+    def _follow_frame(self, offer: Offer) -> None:
+        """Sends everything anew after a jump of the own position, or a correction of the place of its origin on Earth."""
+        section, frame = self._frame
+        place = frame if offer.state is None else offer.state.frame
+        if (offer.section, place) == (section, frame):
+            return
+        self._corrections += frame is not None and place != frame
+        self._frame, self._states = (offer.section, place), 0
+        self._times[:], self._sent_ns[:] = 0, NEVER_NS
 
     def _add_state(self, out: list[bytes], offer: Offer, now_ns: int) -> None:
         state = offer.state
@@ -132,7 +142,8 @@ class SendQueue:
         self._sent_ms = max(self._sent_ms + 1, (now_ns - self._begun_ns) // 1_000_000)
         if self._sent_ms > LAST_MS:  # after 49 days: a new stream
             self._stream, self._begun_ns, self._sent_ms = self._stream + 1, now_ns, 0
-        return Header(vehicle=self._vehicle, stream=self._stream, sent_ms=self._sent_ms, section=self._section & 0xFF)
+        section = self._frame[0] + self._corrections & 0xFF
+        return Header(vehicle=self._vehicle, stream=self._stream, sent_ms=self._sent_ms, section=section)
 
     def _add(self, out: list[bytes], now_ns: int, encode: Callable[..., bytes], *content: object) -> None:
         """Adds the packet encode(header, *content) and deducts it from the budget; counts those that cannot be encoded."""

@@ -173,6 +173,22 @@ def test_after_a_jump_of_the_position_all_is_sent_anew() -> None:
     assert isinstance(decoded(first).content, VehicleState)
 
 
+def test_after_a_correction_of_the_origin_all_is_sent_anew_in_another_frame() -> None:
+    """Receivers placed what followed by the origin before, until the next state ten seconds later."""
+    queue, found, lost = SendQueue(1, 5, 0, THIN), NeighbourMap(2), 0
+    corrected = replace(STATE, frame=replace(STATE.frame, altitude_m=440.0))
+    for k in range(350):
+        for data in queue.packets(replace(offer(walls(10)), state=STATE if k < 300 else corrected), k * STEP_NS):
+            if k >= 300 and not lost:
+                lost = 1
+            else:
+                assert found.receive(data, k * STEP_NS) == ""
+    placed = found.obstacles(OwnState(state=STATE, section=1), 35 * NS)
+    is_new = placed.planes[:, 5] < -30.0
+    assert sorted(placed.ids[is_new].tolist()) == list(range(10))
+    assert placed.age_s[~is_new].min() >= 5.0
+
+
 def test_after_49_days_the_time_begins_again_in_a_new_stream() -> None:
     """The time of a packet has 32 bits of milliseconds; a receiver refuses a time that goes back in one stream."""
     queue, given, receiver = SendQueue(1, 5, 0, THIN), offer(walls(3)), NeighbourMap(2)
