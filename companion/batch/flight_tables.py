@@ -161,6 +161,7 @@ class FlightTables:
         }  # fmt: skip
 
     def _health(self, report: pb.Health) -> None:
+        self._same_run.boot(report.boot_id)
         if self._health_ns is not None and self._armed and 0 < report.t_ns - self._health_ns < _HEALTH_GAP_NS:
             self._armed_ns += report.t_ns - self._health_ns
         self._health_ns = report.t_ns

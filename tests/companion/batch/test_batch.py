@@ -35,6 +35,7 @@ from core.tracking.params import TrackingParams
 from core.types import CameraInfo, DepthFrame
 from drivers.base import BadData, DeviceNotFound, Event
 from drivers.logs.reader import McapRecording
+from osape_client.proto import osape_v1_pb2 as pb
 
 from ..fleet import NS, SMALL, flight_events, write_fleet, write_parts
 from ..replay.test_replay import log_of_a_newer_version
@@ -256,6 +257,32 @@ def test_files_of_two_vehicles_in_one_flight_are_named(
         assert row["damage"] is None
     else:
         assert f"{name}.001.mcap: of another run than the first file of the flight ({difference})" in row["damage"]
+
+
+@pytest.mark.parametrize("boots", [("one", "one"), ("one", ""), ("one", "two")])
+def test_files_of_two_computers_in_one_flight_are_named(tmp_path: Path, boots: tuple[str, str]) -> None:
+    """Vehicles of one configuration whose times follow each other. Health reports state the boot of their computer."""
+    v, name = tmp_path / "v", "20261101-100000"
+    (first,) = write_parts(tmp_path / "other", name, flight_events(1, 0.3))
+    v.mkdir()
+    with McapRecording(first) as source:
+        assert source.run is not None
+        run = source.run
+    for part, boot in enumerate(boots):
+        with LogWriter(v / f"{name}.{part:03d}.mcap") as log:
+            log.begin(run, (SMALL,))
+            for event in flight_events(1 + part, 0.3):
+                log.event(later(event, 100.0 * part))
+            for report in range(2):
+                t_ns = (1 + 100 * part + report) * NS
+                log.write("health", pb.Health(schema_version=1, boot_id=boot, t_ns=t_ns), t_ns)
+    process_all(v, tmp_path / "out", BatchOptions())
+    (row,) = flight_rows(tmp_path / "out").values()
+    if boots == ("one", "two"):
+        difference = "boot of the computer"
+        assert f"{name}.001.mcap: of another run than the first file of the flight ({difference})" in row["damage"]
+    else:
+        assert row["damage"] is None
 
 
 def later(event: Event, seconds: float) -> Event:
