@@ -50,6 +50,16 @@ def test_with_a_key_only_signed_packets_count() -> None:
     assert ours.refused["signature"] == 3
 
 
+@pytest.mark.parametrize(("later_s", "accepted"), [(59, 1), (61, 0)])
+def test_after_a_start_a_recording_is_accepted_while_it_is_less_than_a_minute_old(later_s: int, accepted: int) -> None:
+    """No timestamp of its sender is known yet. Each packet is accepted once."""
+    recording = TunnelCodec(COMPONENT, signing()).encoded(b"\x11" * 40, 7)
+    later = SigningClock(wall_ns=lambda: (1_750_000_000 + later_s) * 10**9)
+    ours = TunnelCodec(COMPONENT, Signing(SigningKey(bytes([1] * 32)), later))
+    assert len(ours.decoded(recording, 1)) == accepted
+    assert ours.decoded(recording, 2) == []
+
+
 def test_other_payloads_and_messages_are_left_out() -> None:
     encoder = dialect.MAVLink(None)
     encoder.srcSystem, encoder.srcComponent = 7, 1
