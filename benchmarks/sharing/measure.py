@@ -32,6 +32,8 @@ Floats = NDArray[np.float64]
 WINDOW_S = 10.0
 START_UP_S = 5.0
 """All that is in view at the start is new at once; what is seen first later than this counts as in flight."""
+IN_TIME_S = 0.5
+"""Goal for the delay of a new obstacle."""
 START_S = 1.0
 _THIN = 3
 
@@ -50,7 +52,7 @@ class Missed:
 class Figures:
     """One run. rate: greatest B/s of a vehicle over WINDOW_S; mean_rate: over the flight; latency_s: p50, p95 and greatest
     from the confirmation of a new obstacle by its owner until it is published by another vehicle, in flight; start_s: p95 with all that is in view at
-    the start; never: share of those that never
+    the start; in_time: share of all that are new in flight and arrive within IN_TIME_S; never: share of those that never
     arrived; alone, joint, one: obstacle rays missed by the first vehicle, by it with its neighbours, and by one vehicle that flew
     all parts; pairs: of receivers and senders."""
 
@@ -61,6 +63,7 @@ class Figures:
     mean_rate: float
     latency_s: tuple[float, float, float]
     start_s: float
+    in_time: float
     never: float
     alone: Missed
     joint: Missed
@@ -159,7 +162,8 @@ def _figures(
     return Figures(
         scene=scene, vehicles=len(parts), seed=seed, rate=max(r[0] for r in rates), mean_rate=max(r[1] for r in rates),
         latency_s=(float(np.percentile(in_flight, 50)), float(np.percentile(in_flight, 95)), float(in_flight.max())),
-        start_s=float(np.percentile(early, 95)), never=never,
+        start_s=float(np.percentile(early, 95)),
+        in_time=(1.0 - never) * float((in_flight <= IN_TIME_S + 1e-9).mean()), never=never,
         alone=alone, joint=joint, one=one, pairs=tuple(pairs),
         lost=traffic.lost / max(1, datagrams), late_frames=sum(o.late_frames for o in outcomes), refused=refused,
         planes=len(own[0]),
