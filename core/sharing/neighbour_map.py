@@ -116,9 +116,8 @@ class NeighbourMap:
 
     def obstacles(self, own: OwnState, now_ns: int) -> SharedObstacles:
         """Returns the obstacles that count now."""
-        self._follow(own)
         parts, movers, statuses = [], [], []
-        bodies = self.bodies(own, now_ns)
+        bodies = self.bodies(own, now_ns)  # follows a jump of the own frame
         for _, neighbour in sorted(self._neighbours.items()):
             neighbour.expire(now_ns, self.params)
             found, moving, status = self._placed(neighbour, own, bodies, now_ns)
@@ -129,6 +128,7 @@ class NeighbourMap:
 
     def bodies(self, own: OwnState, now_ns: int) -> list[Body]:
         """Returns the vehicles of the team in the own frame whose place is certain enough, the own one first."""
+        self._follow(own)
         found = []
         if own.state is not None:
             vx, vy, _ = own.state.velocity_m_s

@@ -146,6 +146,16 @@ def test_a_jump_of_the_own_position_drops_all_alignments(fits: Fits, kind: str) 
     assert one.north_m(jumped) == [0.0, 0.0]
 
 
+@pytest.mark.parametrize("jumped", [replace(OWN, section=2), replace(OWN, estimate=(1,))], ids=["section", "estimate"])
+def test_no_vehicle_is_aligned_after_a_jump_of_the_own_position(fits: Fits, jumped: OwnState) -> None:
+    """What is observed at the place of an aligned vehicle is not sent."""
+    one = Aligned(fits)
+    one.fit(0.5, 0.5)
+    one.map.receive(state_at(one.now_ns // 1_000_000), one.now_ns)
+    assert [body.is_aligned for body in one.map.bodies(OWN, one.now_ns)] == [False, True]
+    assert [body.is_aligned for body in one.map.bodies(jumped, one.now_ns)] == [False, False]
+
+
 def test_a_loss_of_the_own_position_drops_all_alignments(fits: Fits) -> None:
     """It may have jumped meanwhile."""
     one = Aligned(fits)
