@@ -31,13 +31,16 @@ class Budget:
 
 class SentBytes:
     """Bytes that were sent: a token bucket, and the sum of the last WINDOW_S. In no window of WINDOW_S more than the budget is sent,
-    but for one packet where a new section begins. If all is used, a burst leaves a pause WINDOW_S later, in which only the own state
-    and motion are sent, once per second and without asking for room: a part of the budget is kept for them."""
+    but for one packet where a new section begins.
+
+    The bucket is filled at a rate that leaves room for a burst in each window. At the whole rate a burst left a pause WINDOW_S later,
+    and so did that pause, in which new planes waited. The own state and motion are sent once per second without asking for room: a
+    part of the budget is kept for them."""
 
     def __init__(self, budget: Budget, begun_ns: int) -> None:
         packet_bytes = budget.packet_bytes + budget.overhead_bytes
-        self._bytes_per_s = budget.bytes_per_s
         self._most = max(BURST_S * budget.bytes_per_s, 1.25 * packet_bytes)
+        self._fill_bytes_per_s = max(0.5 * budget.bytes_per_s, budget.bytes_per_s - self._most / WINDOW_S)
         self._reserve = min(RESERVE * self._most, 0.25 * packet_bytes)
         self._tokens, self._now_ns = self._most, begun_ns
         state_bytes = STATE_BYTES + budget.overhead_bytes
@@ -47,7 +50,7 @@ class SentBytes:
 
     def follow(self, now_ns: int) -> None:
         """Follows the clock."""
-        gained = self._bytes_per_s * max(0, now_ns - self._now_ns) / NS
+        gained = self._fill_bytes_per_s * max(0, now_ns - self._now_ns) / NS
         self._tokens, self._now_ns = min(self._most, self._tokens + gained), now_ns
         while self._recent and self._recent[0][0] <= now_ns - WINDOW_NS:
             self._left_bytes += self._recent.popleft()[1]

@@ -66,16 +66,18 @@ def test_the_budget_holds(count: int) -> None:
     assert queue.unencodable == 0
 
 
-def test_the_budget_is_used_and_held_in_every_window() -> None:
-    """More is new than can be sent. A token bucket alone leaves a fifteenth of the budget unused."""
-    queue, sent = SendQueue(1, 5, 0, THIN), []
+def test_the_budget_is_held_in_every_window_and_used_evenly() -> None:
+    """More is new than can be sent. Filled at the whole rate, the bucket left a pause of 1.2 s ten seconds after each burst. Left
+    unused is a burst in each window."""
+    queue, sent, planes_s = SendQueue(1, 5, 0, THIN), [0], list[float]()
     for k in range(600):
-        before = queue.sent_bytes
-        queue.packets(offer(walls(100, begin=50 * (k // 10))), k * STEP_NS)
-        sent.append(queue.sent_bytes - before)
-    windows = [sum(sent[k : k + 100]) for k in range(500)]
-    assert max(windows) <= 3000
-    assert sum(windows[100:]) / len(windows[100:]) >= 0.95 * 3000
+        found = flown(queue, offer(walls(100, begin=50 * (k // 10))), 0.1, k * STEP_NS)
+        planes_s += [time_s for time_s, _ in found]
+        sent.append(queue.sent_bytes)
+    windows = np.array(sent[100:]) - np.array(sent[:-100])
+    assert windows.max() <= 3000
+    assert windows[100:].mean() >= 2800
+    assert np.diff(planes_s).max() <= 1.0 + 1e-6
 
 
 @pytest.mark.parametrize("seed", range(4))
