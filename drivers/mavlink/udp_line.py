@@ -82,7 +82,7 @@ class UdpLine:
             except OSError as error:
                 raise DeviceLost(f"{self._address}: {reason(error)}") from error
             arrival_ns = time.monotonic_ns()
-            dropped = not self.flood.passes(peer, arrival_ns)
+            dropped = not self.flood.passes(peer, arrival_ns, self._room[:size])
             if dropped:
                 if arrival_ns - begun_ns > _LONGEST_NS:
                     break

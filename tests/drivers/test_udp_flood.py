@@ -2,9 +2,23 @@
 
 from __future__ import annotations
 
-from drivers.mavlink.udp_flood import ALL_SOURCES, NS, PER_SOURCE, TRUST_NS, WINDOW_NS, FloodFilter
+from typing import Any
+
+import pytest
+
+from drivers.mavlink.dialect import dialect
+from drivers.mavlink.udp_flood import ALL_SOURCES, HEARTBEATS, NS, PER_SOURCE, TRUST_NS, WINDOW_NS, FloodFilter
 
 AUTOPILOT = ("10.0.0.1", 14550)
+OTHER = ("10.0.0.9", 14590)
+
+
+def packed(message: Any, mavlink_1: bool = False) -> bytes:
+    return bytes(message.pack(dialect.MAVLink(None, srcSystem=2, srcComponent=1), force_mavlink1=mavlink_1))
+
+
+ATTITUDE = packed(dialect.MAVLink_attitude_message(1000, 0.1, 0.2, 0.3, 0.0, 0.0, 0.0))
+HEARTBEAT = dialect.MAVLink_heartbeat_message(2, 12, 0, 0, 3, 3)
 
 
 def trusting() -> FloodFilter:
@@ -40,3 +54,24 @@ def test_a_few_datagrams_of_others_are_read_beside_a_flood() -> None:
     for k in range(1000):
         flood.passes(("10.0.0.9", 1), NS + k)
     assert all(flood.passes(("10.0.0.2", 3), NS + k) for k in range(20))
+
+
+@pytest.mark.parametrize(
+    "heartbeat", [packed(HEARTBEAT), packed(HEARTBEAT, mavlink_1=True), ATTITUDE + packed(HEARTBEAT)]
+)
+@pytest.mark.parametrize("phase", range(0, 480, 60))
+def test_heartbeats_of_a_second_autopilot_pass_at_each_phase_of_the_windows(heartbeat: bytes, phase: int) -> None:
+    """PX4 sends 480 datagrams a second to the port of a companion computer, and its heartbeat at the same phase of each second."""
+    flood, passed = trusting(), 0
+    for k in range(3 * 480):
+        now_ns = NS + k * NS // 480
+        flood.trust(AUTOPILOT, now_ns)
+        beats = k % 480 == phase
+        passed += flood.passes(OTHER, now_ns, heartbeat if beats else ATTITUDE) and beats
+    assert passed == 3
+
+
+def test_heartbeats_are_bounded_too() -> None:
+    flood = trusting()
+    assert sum(flood.passes(OTHER, NS, packed(HEARTBEAT)) for _ in range(1000)) == PER_SOURCE + HEARTBEATS
+    assert sum(flood.passes(("10.0.0.9", k), NS, packed(HEARTBEAT)) for k in range(2, 1000)) < ALL_SOURCES
