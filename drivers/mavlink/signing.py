@@ -28,6 +28,8 @@ NEW_STREAM_TICKS = 60 * TICKS_PER_S
 """Largest lag of the timestamp of a new sender."""
 RECENT_NS = 5 * NS
 """Only messages of the autopilot within this time decide which fault is reported."""
+HEARD_NS = NS
+"""An autopilot that was not heard for so long ignores nothing: it is gone."""
 _NO_KEY = bytes(KEY_BYTES)
 
 
@@ -163,7 +165,7 @@ class Signing:
 
     def _with_key(self, now_ns: int, answered: bool) -> str:
         if self._recent(Verdict.GOOD, now_ns):
-            if not answered:
+            if not answered and now_ns - self._autopilot_ns[Verdict.GOOD] < HEARD_NS:
                 return "the autopilot ignores signed messages: its key is the same; set the clock of this computer, which may be behind"
             # unsigned messages from before the key was set are of the autopilot itself
             wrong = [

@@ -158,6 +158,19 @@ def test_an_autopilot_that_takes_nothing_we_sign_is_named() -> None:
     assert "ignores signed messages: its key is the same" in fault(c)
 
 
+def test_an_autopilot_that_is_switched_off_ignores_nothing() -> None:
+    """Seen with PX4 1.18: for two seconds after its end the clock of this computer was named as the cause."""
+    c = talk(PX4, KEY, KEY, signing_ticks=NOW)
+    c.run(6.0)
+    assert fault(c) == ""
+    c.autopilots.clear()
+    found = []
+    for _ in range(80):
+        c.run(0.1)
+        found.append(fault(c))
+    assert set(found) == {""}
+
+
 def test_signing_that_ends_in_flight_is_reported_and_its_return_too() -> None:
     c = talk(ARDUPILOT, KEY, KEY, signing_ticks=NOW)
     c.run(4.0)
