@@ -174,7 +174,7 @@ def link_findings(config: Config, link: MavlinkLink, status: LinkStatus) -> Iter
         return
     if status.vehicle is None:
         remedy = no_heartbeat_remedy(config.autopilot.address, status)
-        if any(c.kind == "simulated" for c in config.cameras):
+        if any(c.kind == "simulated" and not c.follow for c in config.cameras):
             remedy = "start `companion simulate-autopilot -c FILE` with this configuration"
         text = f"no heartbeat on {config.autopilot.address}: {remedy}"
         yield Finding("autopilot", False, text, DiagnosticCode.NO_HEARTBEAT)

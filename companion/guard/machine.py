@@ -305,7 +305,7 @@ class GuardMachine:
         onward_m_s = None if holds and self._flies_back(now) else speed_m_s
         if self._motion.flies_again(onward_m_s, now.now_ns) and may_be_go_to:
             self._begin(GuardState.INACTIVE, now)
-            return [Announcement("guard: released, vehicle flies in the stop mode", critical=True)]
+            return [Announcement("guard: released, flies in the stop mode", critical=True)]
         if holds:
             return []
         if not self.memory.taken:

@@ -7,6 +7,7 @@ from itertools import pairwise
 
 import pytest
 
+from companion.autopilot.status_text import MOST_CHARACTERS
 from companion.config.guard import GuardParams
 from companion.guard.attempt import FAILED_AFTER, MODE_NS
 from companion.guard.machine import GuardMachine
@@ -238,7 +239,8 @@ def test_a_go_to_before_the_vehicle_stood_ends_the_stop() -> None:
     f.verdict = replace(BLOCKED, speed_m_s=2.5)
     out = f.step(12)
     assert commands(out) == []
-    assert texts(out) == ["guard: released, vehicle flies in the stop mode"]
+    assert texts(out) == ["guard: released, flies in the stop mode"]
+    assert len(f"OA: {texts(out)[0]}") <= MOST_CHARACTERS, "the pilot must get all of it"
     assert f.state is GuardState.INACTIVE
     assert f.step(100) == []
 
@@ -270,7 +272,7 @@ def test_a_vehicle_that_returns_to_the_place_to_hold_is_still_stopped() -> None:
     assert f.step(40) == []
     assert f.state is GuardState.HOLDING
     f.verdict = replace(BLOCKED, speed_m_s=1.5, course_rad=0.3)
-    assert texts(f.step(12)) == ["guard: released, vehicle flies in the stop mode"]
+    assert texts(f.step(12)) == ["guard: released, flies in the stop mode"]
 
 
 def test_a_go_to_after_the_stop_ends_it() -> None:
@@ -280,7 +282,7 @@ def test_a_go_to_after_the_stop_ends_it() -> None:
     f.verdict = replace(BLOCKED, speed_m_s=0.9)  # a gust
     assert f.step(20) == []
     f.verdict = replace(BLOCKED, speed_m_s=1.1)
-    assert texts(f.step(12)) == ["guard: released, vehicle flies in the stop mode"]
+    assert texts(f.step(12)) == ["guard: released, flies in the stop mode"]
     assert f.state is GuardState.INACTIVE
     f.mode = MISSION
     assert commands(f.step()) == [StopCommand(7, StopMethod.PX4_HOLD)]

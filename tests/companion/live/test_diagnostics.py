@@ -180,6 +180,16 @@ def test_no_heartbeat_has_the_remedy_of_what_arrives(
     assert remedy in finding.text
 
 
+def test_a_camera_in_sitl_needs_no_simulated_autopilot() -> None:
+    """The remedy was `companion simulate-autopilot` also where the camera follows the autopilot of a simulation."""
+    camera = CameraConfig(name="front", kind="simulated", follow="udpin:127.0.0.1:14551")
+    config = Config(cameras=(camera,), autopilot=AutopilotConfig(address="udpin:127.0.0.1:14540"))
+    status = SimpleNamespace(vehicle=None, received=0, counts={})
+    link = SimpleNamespace(state=LinkState(alive_ns=0))
+    (finding,) = link_findings(config, cast(Any, link), cast(Any, status))
+    assert "that the autopilot is on" in finding.text
+
+
 def autopilot(
     clock: ClockEstimate,
     answered: bool = True,
