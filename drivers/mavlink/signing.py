@@ -8,7 +8,8 @@ With a key, only messages signed with it are accepted. An autopilot that is not 
 its clock may be behind after a long time without power, and it learns the time from the signed heartbeat.
 
 PX4 1.17 signs all its messages with a key of zeros until it is given a key, and accepts unsigned ones until then
-(`MavlinkSignControl` in its sources). Such a signature proves nothing: the message counts as unsigned."""
+(`MavlinkSignControl` in its sources). Such a signature proves nothing: the message counts as unsigned. PX4 1.18 signs
+nothing until it is given a key."""
 
 from __future__ import annotations
 
