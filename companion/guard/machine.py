@@ -43,6 +43,8 @@ REARM_NS = 5 * NS
 the vehicle again."""
 FREE_NS = 2 * NS
 """A stop without effect ends if the path is free for this time."""
+ALONG_RAD = math.radians(10.0)
+"""A vehicle at rest looks along the course on which it was stopped if its heading differs by at most this."""
 STANDS_M_S = 0.4
 """A slower vehicle counts as stopped."""
 GAINS_NS = NS
@@ -298,6 +300,8 @@ class GuardMachine:
         speed_m_s = now.verdict.speed_m_s if now.verdict is not None else None
         sticks = vehicle.autopilot == ARDUPILOT and vehicle.custom_mode == COPTER_LOITER
         holds = self.memory.state is GuardState.HOLDING
+        if holds:
+            self._follow_sight_at_rest(now)
         if holds and not sticks:
             self._motion.stands()
         # PX4 flies a Go-to in Hold. A copter that gets faster in BRAKE before it rested does not brake.
@@ -330,14 +334,30 @@ class GuardMachine:
         """True for a moment after a stop command: a vehicle at the beginning of a leg is slow, and still gets faster."""
         return self._attempt is not None and now.now_ns - self._attempt.t_ns < GAINS_NS
 
+    def _follow_sight_at_rest(self, now: GuardInput) -> None:
+        """Records that the path is seen, where the vehicle looks along the course on which it was stopped. Elsewhere the time does
+        not count: a vehicle that flies sideways would be stopped each time its mission is resumed."""
+        turned_rad = self._turned_rad(now)
+        if turned_rad is not None and abs(turned_rad) <= ALONG_RAD:
+            self._follow_sight(now)
+        else:
+            self._sees_since_ns = None
+
     def _flies_back(self, now: GuardInput) -> bool:
         """True if the vehicle flies against the course on which it was stopped.
 
         PX4 computes the place to hold from the speed at the command. A vehicle that was getting faster comes to rest
         beyond it, and returns."""
+        turned_rad = self._turned_rad(now)
+        return turned_rad is not None and math.cos(turned_rad) < 0.0
+
+    def _turned_rad(self, now: GuardInput) -> float | None:
+        """Returns the angle from the course on which the vehicle was stopped to its present one; None: one is not known."""
         course_rad = None if now.verdict is None else now.verdict.course_rad
         stopped_rad = None if self._reason is None else self._reason.course_rad
-        return course_rad is not None and stopped_rad is not None and math.cos(course_rad - stopped_rad) < 0.0
+        if course_rad is None or stopped_rad is None:
+            return None
+        return math.remainder(course_rad - stopped_rad, math.tau)
 
     def _failure(self, text: str) -> list[Output]:
         """Returns the announcement that the attempts have no effect, once per intervention."""

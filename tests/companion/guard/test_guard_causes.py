@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import pytest
@@ -99,6 +100,45 @@ def test_blindness_stops_once() -> None:
     f.step(REARM_NS // STEP_NS + 1)
     f.verdict = BLIND
     assert commands(f.step()) == [StopCommand(7, StopMethod.COPTER_BRAKE)]
+
+
+@pytest.mark.parametrize(
+    ("seen", "heading_deg", "stopped_again"),
+    [(True, 5.0, True), (True, -5.0, True), (True, 60.0, False), (True, None, False), (False, 0.0, False)],
+)
+def test_a_camera_that_sees_the_course_again_at_rest_stops_a_second_time(
+    seen: bool, heading_deg: float | None, stopped_again: bool
+) -> None:
+    """A mission that was resumed flew 34 m without a camera. The time at rest counts only where the vehicle looks along the course
+    on which it was stopped: a mission that flies sideways can still be resumed."""
+    f = Flight()
+    f.verdict = replace(FREE, course_rad=math.pi)
+    f.step()
+    f.verdict = replace(BLIND, course_rad=math.pi)
+    assert commands(f.step()) == [StopCommand(7, StopMethod.COPTER_BRAKE)]
+    course_rad = None if heading_deg is None else math.remainder(math.pi + math.radians(heading_deg), math.tau)
+    at_rest = replace(FREE if seen else BLIND, speed_m_s=0.0, course_rad=course_rad)
+    f.mode, f.verdict = COPTER_BRAKE, at_rest
+    assert commands(f.step(12 + REARM_NS // STEP_NS)) == []
+    assert f.state is GuardState.HOLDING
+    f.mode, f.verdict = AUTO, replace(FREE, course_rad=math.pi)
+    assert commands(f.step(20)) == []
+    f.verdict = replace(BLIND, course_rad=math.pi)
+    assert bool(commands(f.step())) is stopped_again
+
+
+def test_a_camera_that_fails_at_rest_must_see_anew() -> None:
+    f = Flight()
+    f.verdict = replace(FREE, course_rad=0.0)
+    f.step()
+    f.verdict = replace(BLIND, course_rad=0.0)
+    f.step()
+    f.mode = COPTER_BRAKE
+    for verdict in (FREE, BLIND, FREE):
+        f.verdict = replace(verdict, speed_m_s=0.0, course_rad=0.0)
+        f.step(REARM_NS // STEP_NS - 12)
+    f.mode, f.verdict = AUTO, replace(BLIND, course_rad=0.0)
+    assert commands(f.step(5)) == []
 
 
 def test_a_blind_stop_counts_for_one_flight_only() -> None:
