@@ -17,7 +17,7 @@ get_stopping_distance) and mode_guided.cpp of ArduCopter 4.6.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 STEP_S = 1.0 / 400.0
 TIMEOUT_S = 0.2
@@ -58,6 +58,10 @@ def stopping_distance_m(speed_m_s: float, gain: float, acceleration: float) -> f
     return 0.5 * acceleration / gain**2 + 0.5 * speed_m_s**2 / acceleration
 
 
+Velocity = tuple[float, float]
+"""In m/s, towards the wall and up."""
+
+
 @dataclass(slots=True)
 class GuidedVehicle:
     """`target` as the companion or the ground station sends it, `step` at 400 Hz."""
@@ -66,16 +70,15 @@ class GuidedVehicle:
     distance_m: float  # to the wall, as received
     speed_m_s: float = 0.0
     moves_wall: bool = False  # the wall keeps its distance, as the artificial one
-    _target: float = 0.0
-    _climb: float = 0.0
+    _target: Velocity = (0.0, 0.0)
     _desired: float = 0.0
-    _previous: float = field(default=0.0)
+    _previous: Velocity = (0.0, 0.0)
     _limited_s: float = -1e9
     _now_s: float = 0.0
 
     def target(self, speed_m_s: float, climb_m_s: float = 0.0) -> None:
         """A velocity target, towards the wall and up or down."""
-        self._target, self._climb = speed_m_s, climb_m_s
+        self._target = speed_m_s, climb_m_s
 
     def step(self) -> None:
         """One step of avoidance, of the position controller and of the vehicle."""
@@ -83,42 +86,50 @@ class GuidedVehicle:
         self._now_s += STEP_S
         self._target = self._adjusted(self._target)
         change = p.acceleration_m_s2 * STEP_S
-        self._desired += max(-change, min(change, self._target - self._desired))
+        self._desired += max(-change, min(change, self._target[0] - self._desired))
         self.speed_m_s += (self._desired - self.speed_m_s) * STEP_S / 0.2
         if not self.moves_wall:
             self.distance_m -= self.speed_m_s * STEP_S
 
-    def _limited(self, wanted: float) -> float:
-        """The speed towards the wall to which a target is limited; one that is within the margin ends the climb, too."""
-        p, speed = self.params, math.hypot(wanted, self._climb)
-        if wanted <= 0.0:
+    def _limited(self, wanted: Velocity) -> Velocity:
+        """What a target is limited to; one that is within the margin ends the climb, too."""
+        p, (towards, climb) = self.params, wanted
+        speed = math.hypot(towards, climb)
+        if towards <= 0.0:
             return wanted
         if p.stops:
             ahead_m = 0.02 + p.margin_m + stopping_distance_m(speed, p.position_gain, AVOID_ACCEL_M_S2)
-            if ahead_m * wanted / speed < self.distance_m:
+            if ahead_m * towards / speed < self.distance_m:
                 return wanted
             if self.distance_m <= p.margin_m:
-                self._climb = 0.0
-                return 0.0
-        room_m = self.distance_m - p.margin_m * wanted / speed
-        return min(wanted, sqrt_speed_m_s(room_m, p.position_gain, AVOID_ACCEL_M_S2))
+                return 0.0, 0.0
+        room_m = self.distance_m - p.margin_m * towards / speed
+        return min(towards, sqrt_speed_m_s(room_m, p.position_gain, AVOID_ACCEL_M_S2)), climb
 
-    def _adjusted(self, wanted: float) -> float:
+    def _adjusted(self, wanted: Velocity) -> Velocity:
         p, room_m = self.params, self.distance_m - self.params.margin_m
-        safe = self._limited(wanted)
+        towards, climb = self._limited(wanted)
         if p.backup_speed_m_s > 0.0 and -room_m > p.backup_deadzone_m:
             back = sqrt_speed_m_s(-room_m, p.position_gain, BACKUP_SHARE * AVOID_ACCEL_M_S2)
-            safe = min(safe, -min(back, p.backup_speed_m_s))
+            towards = min(towards, -min(back, p.backup_speed_m_s))
+        safe = towards, climb
         if safe == wanted:
             return safe
         if p.accel_max_m_s2 > 0.0:
-            if self._now_s - self._limited_s > TIMEOUT_S:
-                self._previous = wanted
-            change = p.accel_max_m_s2 * STEP_S
-            safe = self._previous + max(-change, min(change, safe - self._previous))
-            self._previous = safe
+            safe = self._slowly(wanted, safe)
         if safe != wanted:
             self._limited_s = self._now_s
+        return safe
+
+    def _slowly(self, wanted: Velocity, safe: Velocity) -> Velocity:
+        """The limit after AVOID_ACCEL_MAX, which counts for the whole change, also of the climb (limit_accel)."""
+        if self._now_s - self._limited_s > TIMEOUT_S:
+            self._previous = wanted
+        (x, z), most = self._previous, self.params.accel_max_m_s2 * STEP_S
+        change = math.hypot(safe[0] - x, safe[1] - z)
+        if change > most:
+            safe = x + (safe[0] - x) * most / change, z + (safe[1] - z) * most / change
+        self._previous = safe
         return safe
 
 
