@@ -80,7 +80,7 @@ def saved_section(section: Section) -> SavedSection:
         moments=np.column_stack(moved),
         margin_m=planes["margin_m"].astype(np.float64),
         flags=planes["plane_flags"].astype(np.uint8),
-        hits=planes["hits"],
+        hits=planes["hits"].copy(),  # a view would keep the whole table
         age_s=(section.newest_ns - planes["seen_ns"]) / NS,
     )
 

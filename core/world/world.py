@@ -246,6 +246,7 @@ class World:
         why = "first" if section is None else self._jump(section, observation)
         if section is not None and not why:
             return section
+        del section  # else its tables would be kept until the new ones are made
         begun = self._begin(why, observation.t_ns, observation.reset_counter, observation.place_m)
         begun.estimate = observation.estimate
         return begun

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import os
 import weakref
+from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from core.world.free_grid import empty_free
-from core.world.plane_index import empty_tables
+from core.world.plane_index import Tables, empty_tables
 from core.world.world import World
 
 from .worlds import NS, seen, wall
@@ -28,6 +30,34 @@ def test_the_tables_of_a_past_section_are_released() -> None:
     world.add(seen(np.zeros((0, 6)), (0.0, 0.0), 0.0, NS // 10, reset_counter=1))
     assert [table() for table in tables if table() is not None] == []
     assert [len(s.box) for s in world.saved()] == [1, 0]
+
+
+def test_the_tables_of_a_section_are_released_before_those_of_the_next_are_made(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Both at once would take twice the memory."""
+    world = World()
+    world.add(seen(np.array([wall(8.0, -4.0, 8.0, 4.0)]), (0.0, 0.0), 0.0, 0))
+    assert world.section is not None
+    kept = weakref.ref(world.section.tables.planes)
+
+    def checked(*sizes: float) -> Tables:
+        assert kept() is None
+        return empty_tables(*sizes)
+
+    monkeypatch.setattr("core.world.world.empty_tables", checked)
+    world.add(seen(np.zeros((0, 6)), (0.0, 0.0), 0.0, NS // 10, reset_counter=1))
+    assert world.counts.sections == 2
+
+
+def test_the_planes_of_a_past_section_keep_nothing_else_in_memory() -> None:
+    """A view of one field of a table keeps all of its fields."""
+    world = World()
+    world.add(seen(np.array([wall(8.0, -4.0, 8.0, 4.0)]), (0.0, 0.0), 0.0, 0))
+    (section,) = world.saved()
+    arrays = [getattr(section, f.name) for f in fields(section) if isinstance(getattr(section, f.name), np.ndarray)]
+    assert len(arrays) == 6
+    assert [a.dtype for a in arrays if a.base is not None and a.base.nbytes > a.nbytes] == []
 
 
 def test_tables_that_were_never_written_take_no_memory() -> None:
