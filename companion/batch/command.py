@@ -167,14 +167,14 @@ def run(args: argparse.Namespace) -> int:
         raise UsageError("--no-pictures needs --compare OUT_A OUT_B")
     from .task import run_task  # late: it imports the kernels
 
+    engine_name = EngineName(args.engine or EngineName.LOCAL)
+    engine = make_engine(engine_name, args.address, args.workers, run_task)
     arrow_module()
     config = load_config(args.config) if args.config is not None else None
     options = BatchOptions(
         config=config, near_m=_NEAR_M if args.near is None else args.near, planes=args.planes, logs=args.logs
     )
     output = utf8_name(args.output if is_url(args.output) else os.path.realpath(args.output))
-    engine_name = EngineName(args.engine or EngineName.LOCAL)
-    engine = make_engine(engine_name, args.address, args.workers, run_task)
     unread_inputs: list[str] = []
     flights = find_flights(args.inputs, args.vehicle, output, unread_inputs.append)
     for text in unread_inputs:

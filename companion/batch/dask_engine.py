@@ -20,8 +20,8 @@ class DaskEngine:
 
     def __init__(self, address: str, process: Process) -> None:
         self._address, self._process = address, process
-        need = "--engine dask needs dask and distributed"
-        self._distributed = optional_module("distributed", need, "dask>=2024.8", "distributed>=2024.8")
+        need = "--engine dask needs dask, distributed and pyarrow"
+        self._distributed = optional_module("distributed", need, "dask>=2024.8", "distributed>=2024.8", "pyarrow>=16")
 
     def run(self, tasks: Sequence[FlightTask]) -> Iterator[Done]:
         """Yields each task once, when it has ended. Raises DeviceNotFound where the scheduler does not answer, DeviceLost

@@ -21,7 +21,7 @@ class RayEngine:
 
     def __init__(self, address: str, process: Process) -> None:
         self._address, self._process = address, process
-        self._ray = optional_module("ray", "--engine ray needs ray", "ray>=2.30")
+        self._ray = optional_module("ray", "--engine ray needs ray and pyarrow", "ray>=2.30", "pyarrow>=16")
 
     def run(self, tasks: Sequence[FlightTask]) -> Iterator[Done]:
         """Yields each task once, when it has ended. Raises DeviceNotFound where the cluster does not answer."""

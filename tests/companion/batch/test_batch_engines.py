@@ -21,6 +21,7 @@ from companion.batch.jobs import BatchOptions, Failure, FlightTask, Outcome
 from companion.batch.local_engine import LocalEngine
 from companion.batch.ray_engine import RayEngine
 from companion.batch.task import run_task
+from companion.cli import main
 from companion.log.provenance import software
 from drivers.base import DeviceLost, DeviceNotFound
 from tests.waiting import until
@@ -159,6 +160,20 @@ def test_a_dask_scheduler_that_is_killed_is_named(tmp_path: Path, monkeypatch: p
         for process in (worker, scheduler):
             process.kill()
             process.wait()
+
+
+@pytest.mark.parametrize(
+    ("engine", "command"),
+    [("dask", "'dask>=2024.8' 'distributed>=2024.8' 'pyarrow>=16'"), ("ray", "'ray>=2.30' 'pyarrow>=16'")],
+)
+def test_one_command_installs_all_libraries_of_a_cluster(
+    engine: str, command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """pyarrow was named first, and the engine's libraries at the next attempt."""
+    for name in ("pyarrow", "distributed", "ray"):
+        monkeypatch.setitem(sys.modules, name, None)
+    assert main(["batch", str(tmp_path), "-o", str(tmp_path / "out"), "--engine", engine, "--address", "auto"]) == 1
+    assert f"pip install {command}" in capsys.readouterr().err
 
 
 def test_a_dask_scheduler_that_does_not_answer_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
