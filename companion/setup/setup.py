@@ -239,7 +239,7 @@ def _camera(given: str | None, ask: Questions) -> FoundCamera:
         print_line(f"camera {k + 1}: {camera.name} {camera.device}".rstrip())
     if not found:
         raise ValueError(
-            "no camera was found on USB: check cable and power (`lsusb`), or name one with --camera KIND:DEVICE; "
+            "no camera was found on USB: check cable and power (`lsusb`, of the package usbutils), or name one with --camera KIND:DEVICE; "
             "--camera simulated needs no hardware"
         )
     number = ask.number("which camera", 1, (1, len(found))) if len(found) > 1 else 1
