@@ -37,7 +37,7 @@ class WorldParams:
     )
     jump_speed_m_s: float = critical(30.0, 1.0, 500.0, "m/s", "speed in that limit")
     most_sections: int = number(
-        4, 0, 64, "", "greatest number of earlier sections that are kept; the oldest are removed and counted"
+        4, 0, 64, "", "greatest number of earlier sections whose planes are kept; the oldest are removed and counted"
     )
 
     def __post_init__(self) -> None:
