@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -41,6 +42,25 @@ def test_each_package_is_shown_while_pip_runs(status: int, tmp_path: Path) -> No
         rest = process.stdout.read()
     assert "  unpacking them\n" in rest
     assert process.returncode == status
+
+
+@pytest.mark.parametrize(("version", "again"), [((3, 10), True), ((3, 11), False), ((3, 14), False), ((3, 15), True)])
+def test_an_environment_of_an_unsupported_python_is_made_again(
+    version: tuple[int, int], again: bool, tmp_path: Path
+) -> None:
+    """It was kept where its Python was too new, and pip failed each time."""
+    python, other = tmp_path / "env" / "bin" / "python", tmp_path / "python3"
+    python.parent.mkdir(parents=True)
+    python.write_text(
+        f'#!/bin/sh\n[ "$1" = -c ] && exec {sys.executable} -c "import sys; sys.version_info = {version}; $2"\n'
+    )
+    other.write_text('#!/bin/sh\n[ "$1" = -c ] && echo 3.13\nexit 0\n')
+    for command in (python, other):
+        command.chmod(0o755)
+    line = ["bash", str(ROOT / ".ci" / "make-env"), str(tmp_path / "env"), "requirements.lock"]
+    shown = subprocess.run(line, env=os.environ | {"PYTHON": str(other)}, capture_output=True, text=True, check=False)
+    assert ("making the environment" in shown.stdout) == again
+    assert python.exists() != again
 
 
 def found(folder: Path, **versions: str) -> subprocess.CompletedProcess[str]:
