@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from companion.streams.world_messages import world_message
 from core.transformed import turned
 from core.types import Ground
+from core.world.params import WorldParams
 from core.world.world import Observation, World
 from osape_client.query.space import Occupancy
 from osape_client.world.decode import (
@@ -58,6 +59,12 @@ def asked(world: World, points: object, radius_m: float = 0.0) -> list[Occupancy
 
 def _now(world: World) -> int:
     return 0 if world.section is None else world.section.newest_ns
+
+
+def known_ground(world: World) -> NDArray[np.bool_]:
+    ground = world.picture(_now(world)).ground
+    assert ground is not None
+    return np.isfinite(ground[..., 0])
 
 
 def merged(*observations: Observation) -> World:
@@ -164,6 +171,22 @@ def test_ground_does_not_age_and_free_space_does() -> None:
     world = merged(look(0, flat(2.0)))
     answers = WorldSpace(world.picture(200 * NS)).points([[6.0, 0.0, 1.2], [6.0, 0.0, 2.3]])
     assert answers.tolist() == [Occupancy.UNKNOWN, Occupancy.OCCUPIED]
+
+
+def test_a_block_in_the_place_of_another_has_none_of_its_ground_and_free_cells() -> None:
+    """64 blocks are less than three frames of this flight show. Ground was found in its first part only."""
+    small, large = (World(WorldParams(most_free_blocks=n, jump_speed_m_s=500.0)) for n in (64, 4096))
+    for k in range(16):
+        frame = look(k * STEP, flat(2.0) if k < 8 else None, at=(13.3 * k, 0.0), heading=0.3 * k)
+        for world in (small, large):
+            world.add(frame)
+        if k == 7:
+            assert known_ground(small).any()
+    assert small.free_blocks_dropped > 64
+    assert not known_ground(small).any()
+    p, everything = small.picture(_now(small)), large.picture(_now(large))
+    free = dict(zip(map(tuple, everything.blocks.tolist()), everything.masks, strict=True))
+    assert not any((mask & ~free[tuple(block)]).any() for block, mask in zip(p.blocks.tolist(), p.masks, strict=True))
 
 
 def test_ground_of_numbers_that_are_none_frees_nothing() -> None:
