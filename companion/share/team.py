@@ -47,7 +47,7 @@ class Team:
         self, config: ShareConfig, vehicle: int, stream: int, begun_ns: int, radius_m: float, budgets: dict[str, Budget]
     ) -> None:
         self.own = OwnSide(origin=config.fixed_origin())
-        self.map = NeighbourMap(vehicle, config, config.member_numbers(), stream)
+        self.map = NeighbourMap(vehicle, config, config.member_numbers())
         self.vehicle = vehicle
         self._config, self._radius_m = config, radius_m
         self.queues = {name: SendQueue(vehicle, stream, begun_ns, budget) for name, budget in budgets.items()}
@@ -72,7 +72,10 @@ class Team:
             section=own.section,
             others=others,
         )
-        return {name: queue.packets(offer, now_ns) for name, queue in self.queues.items()}
+        packets = {name: queue.packets(offer, now_ns) for name, queue in self.queues.items()}
+        for some in packets.values():
+            self.map.note_sent(some)
+        return packets
 
     def align(self, now_ns: int) -> bool:
         """Aligns the frame of a neighbour, each one every ALIGN_NS; returns whether it did."""

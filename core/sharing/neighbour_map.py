@@ -6,7 +6,8 @@ and counted. `obstacles` returns the obstacles that count now, in the own frame.
 from __future__ import annotations
 
 import math
-from collections import Counter
+from collections import Counter, deque
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -34,6 +35,8 @@ ALIGNED_Z_M = 0.5
 """Standard deviation of a height that is not left to the positions."""
 GROWTH_M_S2 = 2.0
 """Acceleration by which margins of moving obstacles grow."""
+OWN_PACKETS = 1024
+"""Number of own packets that are known when they come back: those of ten seconds at any data rate, of minutes at 300 B/s."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -48,23 +51,23 @@ class OwnState:
 class NeighbourMap:
     """Map of the reports of all neighbours.
 
-    own_vehicle: own number, 1..255; members: numbers of the accepted vehicles, empty: all; own_stream: stream of the
-    own packets, 0: not known. same_number_ns: arrival of the newest packet of another vehicle with the own number; None:
-    there was none."""
+    own_vehicle: own number, 1..255; members: numbers of the accepted vehicles, empty: all. same_number_ns: arrival of the
+    newest packet of another vehicle with the own number; None: there was none."""
 
     def __init__(
-        self,
-        own_vehicle: int,
-        params: SharingParams | None = None,
-        members: frozenset[int] = frozenset(),
-        own_stream: int = 0,
+        self, own_vehicle: int, params: SharingParams | None = None, members: frozenset[int] = frozenset()
     ) -> None:
         self.params, self._own_vehicle, self._members = params or SharingParams(), own_vehicle, members
-        self._own_stream = own_stream
+        self._sent: deque[bytes] = deque(maxlen=OWN_PACKETS)
         self._neighbours: dict[int, Neighbour] = {}
         self._own: tuple[int, tuple[int, ...], LocalFrame | None] = -1, (), None
         self.counts: Counter[str] = Counter()
         self.same_number_ns: int | None = None
+
+    def note_sent(self, packets: Iterable[bytes]) -> None:
+        """Takes own packets before they are sent: a link may return them. Others with the own number are of another
+        vehicle, even one that has started in the same second."""
+        self._sent.extend(packets)
 
     def receive(self, data: bytes, arrival_ns: int, sender: int | None = None) -> str:
         """Takes a packet; returns why it is refused, as a code, or "". sender: the vehicle by the transport; None:
@@ -75,7 +78,7 @@ class NeighbourMap:
             return self._refuse(error.code)
         vehicle = packet.header.vehicle
         if vehicle == self._own_vehicle:
-            if self._own_stream in (0, packet.header.stream):
+            if data in self._sent:
                 return self._refuse("own_packet")
             self.same_number_ns = arrival_ns
             return self._refuse("same_number")

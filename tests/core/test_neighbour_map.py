@@ -78,7 +78,7 @@ def test_an_uncertain_place_is_withheld() -> None:
         (wall_packet(1), "replayed"),
         (wall_packet(0), "replayed"),
         (wall_packet(5000, stream=STREAM - 1), "old_stream"),
-        (wall_packet(5, vehicle=1), "own_packet"),
+        (wall_packet(5, vehicle=1), "same_number"),
         (wall_packet(5, vehicle=0), "bad_vehicle"),
         (wall_packet(5, vehicle=9), "sender_mismatch"),
         (wall_packet(20, number=7)[:-3], "bad_length"),
@@ -86,16 +86,20 @@ def test_an_uncertain_place_is_withheld() -> None:
 )
 def test_a_packet_that_must_not_count_changes_nothing(data: bytes, code: str) -> None:
     found, untouched = filled_map(), filled_map()
-    assert found.receive(data, 5 * NS, sender=2 if code != "own_packet" else None) == code
+    assert found.receive(data, 5 * NS, sender=2 if code != "same_number" else None) == code
     assert same(found.obstacles(OWN, 6 * NS), untouched.obstacles(OWN, 6 * NS))
     assert found.counts[code] == 1
 
 
 def test_a_vehicle_with_the_own_number_is_refused_by_another_code_than_an_echo() -> None:
-    found = NeighbourMap(1, own_stream=STREAM)
-    assert found.receive(wall_packet(5, vehicle=1), NS) == "own_packet"
-    assert found.receive(wall_packet(5, vehicle=1, stream=STREAM + 60), NS) == "same_number"
-    assert len(found.obstacles(OWN, NS).sender) == 0
+    """Also if it has started in the same second, and so has the same stream."""
+    found, own = NeighbourMap(1), wall_packet(5, vehicle=1)
+    found.note_sent([own])
+    assert found.receive(own, NS) == "own_packet"
+    assert found.same_number_ns is None
+    assert found.receive(wall_packet(6, vehicle=1), 2 * NS) == "same_number"
+    assert found.same_number_ns == 2 * NS
+    assert len(found.obstacles(OWN, 2 * NS).sender) == 0
 
 
 def test_a_packet_that_is_longer_than_any_link_sends_is_refused_undecoded() -> None:

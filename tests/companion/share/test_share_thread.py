@@ -135,11 +135,16 @@ def test_messages_that_a_link_refuses_are_reported() -> None:
 
 
 def test_another_vehicle_of_the_same_number_is_a_fault_and_own_packets_are_none() -> None:
+    """Also if both started in the same second."""
     made, now_ns = Made(), time.monotonic_ns()
-    made.deliver(1000, now_ns, vehicle=1)
+    made.sharing.samples([*attitudes(now_ns), pose(now_ns)])
+    made.sharing.step(now_ns)
+    assert made.link.sent
+    for data in made.link.sent:
+        made.link.deliver(ReceivedPacket("tunnel", data, now_ns, 1))
     made.sharing.step(now_ns)
     assert not any("uses number" in text for text in made.faults(now_ns))
-    made.deliver(2000, now_ns, vehicle=1, stream=1_700_000_060)
+    made.deliver(2000, now_ns, vehicle=1)
     made.sharing.step(now_ns)
     text = "another vehicle uses number 1, so both refuse the reports of the other; give each its own"
     assert text in made.faults(now_ns)
