@@ -13,8 +13,9 @@ from .placement import Floats, Placement, placement_by_position
 from .records import Header, LocalFrame, Packet, SharedMover, SharedPlanes, VehicleState
 
 NS = 1_000_000_000
-CLOCK_DRIFT = 2e-4
-"""Greatest relative difference of the rates of two clocks."""
+CLOCK_DRIFT = 1e-3
+"""Greatest relative difference of the rates of two clocks, each corrected by up to 500 ppm. A delay that grows more slowly is not
+noticed."""
 OLDEST_S = 4096.0
 """Age of planes whose age is beyond the largest class."""
 KEEP_FIT_NS = 30 * NS

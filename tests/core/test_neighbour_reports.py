@@ -59,11 +59,13 @@ def test_a_sender_that_begins_again_in_the_same_stream_is_accepted_after_ten_sec
     assert ages[2] <= 0.3
 
 
-def test_clocks_that_differ_by_a_hundred_millionths_delay_nothing() -> None:
+@pytest.mark.parametrize("difference", [-9e-4, 1e-4, 9e-4])
+def test_clocks_of_different_rates_delay_nothing(difference: float) -> None:
+    """Time synchronisation changes the rate of each by up to 5e-4."""
     found = NeighbourMap(1)
     for k in range(6000):
-        assert found.receive(state_at(5000 * k), round(5 * NS * k * (1.0 + 1e-4))) == ""
-    assert found.obstacles(OWN, round(5 * NS * 5999 * (1.0 + 1e-4))).neighbours[0].silent_s == 0.0
+        assert found.receive(state_at(5000 * k), round(5 * NS * k * (1.0 + difference))) == ""
+    assert found.obstacles(OWN, round(5 * NS * 5999 * (1.0 + difference))).neighbours[0].silent_s == 0.0
 
 
 def test_the_age_counts_from_the_fastest_packet_not_from_the_first() -> None:
