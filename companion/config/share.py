@@ -30,7 +30,7 @@ class ShareConfig(SharingParams):
     tunnel_bytes_per_s: float = number(300.0, 100.0, 20_000.0, "B/s", "greatest rate of the data in TUNNEL messages")
     zenoh: str = text("", "configuration file of zenoh (JSON5), with its TLS or users; empty: none")
     zenoh_team: str = text("team", "name of the team in zenoh's keys")
-    zenoh_bytes_per_s: float = number(20_000.0, 100.0, 1e6, "B/s", "greatest rate of the data over zenoh")
+    zenoh_bytes_per_s: float = number(20_000.0, 150.0, 1e6, "B/s", "greatest rate of the data over zenoh")
     refresh_s: float = number(
         20.0, 1.0, 300.0, "s", "each plane is sent again after this time; less than expire_s of all others"
     )

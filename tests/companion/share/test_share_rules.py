@@ -4,7 +4,10 @@ from __future__ import annotations
 
 from dataclasses import replace
 from types import SimpleNamespace
-from typing import cast
+from typing import Any, cast
+
+import numpy as np
+import pytest
 
 from companion.config.share import ShareConfig
 from companion.diagnostic import DiagnosticCode
@@ -13,9 +16,17 @@ from companion.share.output import SharingOutput
 from companion.share.packet_rate import ALL_BURST, BURST, PacketRate
 from companion.share.sharing_thread import OwnVehicle, Sharing
 from companion.streams.publication import PublicationStamps
+from core.sharing.packet_codec import decoded
+from core.sharing.records import SharedPlanes
+from core.sharing.send_budget import Budget
+from core.sharing.send_queue import Offer, SendQueue
+from drivers.mavlink.parser import SIGNATURE_BYTES
 from drivers.sharing.link import ReceivedPacket
+from drivers.sharing.tunnel import FRAME_BYTES, PAYLOAD_BYTES
+from drivers.sharing.zenoh_link import OVERHEAD_BYTES, PACKET_BYTES
 
-from .test_share_thread import NS, Made, MemoryLink, moving, received_movers, tracked
+from .test_share_campaign import some_planes
+from .test_share_thread import NS, STATE, Made, MemoryLink, moving, received_movers, tracked
 
 
 def burst(rate: PacketRate, count: int, sender: int, transport: str = "tunnel") -> int:
@@ -115,3 +126,30 @@ def test_a_link_that_is_not_open_and_a_thread_that_does_not_respond_are_reported
     assert codes(made.sharing, now_ns + 2 * NS) == [DiagnosticCode.SHARE_FAULT]
     cast(SimpleNamespace, made.link).fault = "no such device"
     assert codes(made.sharing, now_ns) == [DiagnosticCode.SHARE_LINK_CLOSED]
+
+
+def configured(rate: str, bytes_per_s: float) -> ShareConfig:
+    limits: dict[str, Any] = {rate: bytes_per_s}
+    return ShareConfig(**limits)
+
+
+@pytest.mark.parametrize(
+    ("rate", "least", "overhead_bytes", "packet_bytes"),
+    [
+        ("tunnel_bytes_per_s", 100.0, FRAME_BYTES + SIGNATURE_BYTES, PAYLOAD_BYTES),
+        ("zenoh_bytes_per_s", 150.0, OVERHEAD_BYTES, PACKET_BYTES),
+    ],
+)
+def test_new_planes_are_sent_at_the_least_data_rate_after_a_rest(
+    rate: str, least: float, overhead_bytes: int, packet_bytes: int
+) -> None:
+    """Below it the own motion takes what is left beside the reserve for it, and no plane is ever sent."""
+    with pytest.raises(ValueError, match=rate):
+        configured(rate, least - 1.0)
+    configured(rate, least)
+    queue = SendQueue(1, 5, 0, Budget(bytes_per_s=least, overhead_bytes=overhead_bytes, packet_bytes=packet_bytes))
+    given = Offer(planes=SharedPlanes.empty(), movers=(), state=STATE, section=1)
+    for k in range(300):
+        queue.packets(given, k * NS // 10)
+    sent = queue.packets(replace(given, planes=some_planes(np.random.default_rng(1), 5)), 30 * NS)
+    assert any(isinstance(content := decoded(data).content, SharedPlanes) and len(content) for data in sent)
