@@ -8,7 +8,9 @@ from collections import Counter, deque
 from collections.abc import Callable, Iterable, Sequence
 from typing import Final, NamedTuple
 
+from core.sharing.neighbour_map import own_frame
 from core.sharing.obstacles import SharedObstacles
+from core.sharing.placement import is_corrected
 from core.sharing.records import SharedPlanes
 from core.sharing.send_budget import Budget
 from core.types import AttitudeSample, PoseSample
@@ -96,8 +98,11 @@ class Sharing:
 
     def origin(self, latitude_deg: float, longitude_deg: float, altitude_m: float) -> None:
         """The origin of the own ned as the autopilot states it. A configured one is kept."""
-        if (latitude_deg, longitude_deg) != (0.0, 0.0):  # what autopilots send without an origin
-            self._origin = latitude_deg, longitude_deg, altitude_m
+        known, stated = self._origin, (latitude_deg, longitude_deg, altitude_m)
+        if stated[:2] == (0.0, 0.0):  # what autopilots send without an origin
+            return
+        if known is None or is_corrected(own_frame(self._config, *known), own_frame(self._config, *stated)):
+            self._origin = stated
 
     def tracks(self, result: TracksResult) -> None:
         """Moving obstacles of one camera, in ned."""

@@ -19,6 +19,10 @@ KINDS_SIGMA = 0.0007
 """Half of the greatest difference between the frames of autopilots of two kinds, per distance from the origin: both spheres, and that
 ArduPilot takes meridians as parallel."""
 
+CORRECTED_SIGMAS = 0.1
+"""An origin that differs from the known one by no more is the same: each other one sends all planes anew, and ends all alignments. In
+the margins it counts for less than 1 %."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Placement:
@@ -77,6 +81,12 @@ def placement_by_position(own: LocalFrame, other: LocalFrame, pivot_m: tuple[flo
         sigma_z_m=math.hypot(own.sigma_z_m, other.sigma_z_m),
         sigma_yaw_rad=math.hypot(own.sigma_yaw_rad, other.sigma_yaw_rad),
     )
+
+
+def is_corrected(known: LocalFrame, stated: LocalFrame) -> bool:
+    """True if the origin of the stated frame is another one than the known one."""
+    x, y, z = placement_by_position(known, stated, (0.0, 0.0, 0.0)).at_m
+    return math.hypot(x, y) > CORRECTED_SIGMAS * known.sigma_m or abs(z) > CORRECTED_SIGMAS * known.sigma_z_m
 
 
 def _ecef(frame: LocalFrame) -> Floats:

@@ -69,6 +69,38 @@ def test_the_origin_of_an_autopilot_without_one_is_not_used() -> None:
     assert DiagnosticCode.SHARE_NO_FRAME not in codes(one, NS)
 
 
+@pytest.mark.parametrize(
+    ("north_deg", "east_deg", "up_m", "corrected"),
+    [
+        (1e-6, 0.0, 0.0, False),
+        (0.0, 0.0, 0.19, False),
+        (2e-6, 0.0, 0.0, True),
+        (0.0, 3e-6, 0.0, True),
+        (0.0, 0.0, -0.21, True),
+    ],
+)
+def test_an_origin_within_a_tenth_of_its_uncertainty_is_the_same(
+    north_deg: float, east_deg: float, up_m: float, corrected: bool
+) -> None:
+    """ArduPilot can filter the altitude of its origin all the time: each new one sends all planes anew and ends all alignments."""
+    one = sharing(1, "")
+    one.origin(47.0, 8.0, 400.0)
+    one.origin(47.0 + north_deg, 8.0 + east_deg, 400.0 + up_m)
+    one.step(NS)
+    assert one._team is not None
+    assert (one._team.own.origin != (47.0, 8.0, 400.0)) is corrected
+
+
+def test_small_corrections_of_the_origin_add_up() -> None:
+    one = sharing(1, "")
+    for k in range(100):
+        one.origin(47.0, 8.0, 400.0 + 0.01 * k)
+    one.step(NS)
+    assert one._team is not None
+    assert one._team.own.origin is not None
+    assert one._team.own.origin[2] == pytest.approx(400.99, abs=0.21)
+
+
 def test_nothing_is_exchanged_before_the_own_number_is_known() -> None:
     one = sharing(0, "47.0, 8.0, 400")
     one.step(NS)
