@@ -60,7 +60,7 @@ class AutopilotValues:
             kind=vehicle.autopilot,
             margin_m=self.parameter(vehicle, "AVOID_MARGIN"),
             cp_dist_m=self.parameter(vehicle, "CP_DIST"),
-            on_ground=self._landed.on_ground(vehicle, now_ns),
+            on_ground=not is_uncertain and self._landed.on_ground(vehicle, now_ns),
             margin_is_read=self.parameters.value("AVOID_MARGIN") is not None,
             is_uncertain=is_uncertain,
         )

@@ -70,7 +70,7 @@ class AutopilotNow:
     kind: str = ""  # "" before the first heartbeat; both names while heartbeats contradict each other
     margin_m: float | None = None  # AVOID_MARGIN; None: not known
     cp_dist_m: float | None = None  # CP_DIST; None: not known
-    on_ground: bool = False  # the autopilot reports that the vehicle is on the ground
+    on_ground: bool = False  # the vehicle is on the ground, by the report of its autopilot
     margin_is_read: bool = True  # False: margin_m is from the last start, when another vehicle may have been connected
     # several vehicles may be the own one: what was read is of one of them
     is_uncertain: bool = False
@@ -122,9 +122,8 @@ def policy_of(avoid: AvoidParams, autopilot: AutopilotNow) -> Policy:
     """Returns the policy by configuration and autopilot."""
     margin_m = avoid.avoid_margin_m if autopilot.margin_m is None else autopilot.margin_m
     cp_dist_m = autopilot.cp_dist_m
-    if (
-        autopilot.is_uncertain
-    ):  # from a wall nearer than its own values a vehicle moves backwards, before a farther one it stands or creeps
+    if autopilot.is_uncertain:
+        # from a wall nearer than its own values a vehicle moves backwards, before a farther one it stands or creeps
         margin_m = max(margin_m, avoid.avoid_margin_m)
         cp_dist_m = None if cp_dist_m is None else max(cp_dist_m, CP_DIST_M)
     ardupilot_m = (margin_m - STOP_INSIDE_M) / FENCE_SHARE

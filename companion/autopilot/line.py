@@ -22,7 +22,7 @@ class AutopilotLine:
 
     vehicle: Callable[[], Vehicle | None]  # returns the autopilot that is received now; None: none
     post: Callable[[Any], None]  # sends a message to it
-    # returns an autopilot in flight that is not received any more; None: none. It may still receive.
+    # returns an autopilot that is not received any more, as OwnVehicle.fell_silent says; None: none. It may still receive.
     silent: Callable[[], Vehicle | None] = lambda: None
     # sends a command that was decided by this state of the vehicle, unless a newer one contradicts it at the moment of
     # sending

@@ -119,5 +119,7 @@ class OwnVehicle:
         return self.vehicle.armed
 
     def fell_silent(self, now_ns: int) -> bool:
-        """True if the autopilot was armed at its last message and is not received any more. It may still receive."""
-        return self.vehicle is not None and self.vehicle.armed and not self.connected(now_ns)
+        """True if the autopilot is not received any more, and was armed at its last message or may not be the own one, which may be
+        armed. The own one may still receive."""
+        v = self.vehicle
+        return v is not None and not self.connected(now_ns) and (v.armed or self._conflicts.several_vehicles(now_ns))

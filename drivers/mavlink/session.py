@@ -241,8 +241,7 @@ class MavlinkSession:
         """Adds a message that the next `due` sends, unless it has waited too long by then (`outbox.VALID_NS`), or a newer
         heartbeat contradicts the one that it was decided by.
 
-        Without a received autopilot it is dropped and counted, except for obstacles to one that fell silent in
-        flight."""
+        Without a received autopilot it is dropped and counted, except for obstacles to one that `own.fell_silent`."""
         self._outbox.post(message, now_ns, decided_by)
 
     @property

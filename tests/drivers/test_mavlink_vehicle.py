@@ -46,7 +46,7 @@ def test_the_attitude_of_another_vehicle_is_never_used_for_one_that_fell_silent(
         assert c.session.vehicle is not None
         assert c.session.vehicle.system_id == 1
         assert not c.session.connected(c.now_ns)
-        assert c.session.own.fell_silent(c.now_ns) is armed
+        assert c.session.own.fell_silent(c.now_ns)
         assert c.samples == []
         assert "systems 1, 7" in c.session.status(c.now_ns).conflicts["several vehicles"]
         c.now_ns += 300 * NS
@@ -181,6 +181,29 @@ def test_to_a_vehicle_that_fell_silent_in_flight_obstacles_are_still_sent() -> N
         later_ns = c.now_ns + 4 * NS
         c.session.post(dialect.MAVLink_obstacle_distance_message(0, 4, [100] * 72, 5, 20, 1200, 5.0, 0.0, 12), later_ns)
         assert len(c.session.due(later_ns)) == armed
+
+
+@pytest.mark.parametrize("first_s", [0.0, 20.0])
+def test_obstacles_are_still_sent_while_another_vehicle_than_the_one_received_first_may_be_the_own_one(
+    first_s: float,
+) -> None:
+    """The own one flies, and another one that stands on the ground was received first and was switched off. Nothing was sent, which
+    ArduPilot takes for clear."""
+    c = talk(ARDUPILOT, system_id=7)
+    c.run(2.0)
+    c.autopilots.append(SimulatedAutopilot(FirmwareProfile(kind=ARDUPILOT, boot_at_ns=50 * NS, armed=True)))
+    c.run(first_s)
+    c.autopilots[0].sends_nothing = True
+    c.run(5.0)
+    assert c.session.vehicle is not None
+    assert not c.session.vehicle.armed
+    assert not c.session.connected(c.now_ns)
+    message = dialect.MAVLink_obstacle_distance_message(0, 4, [100] * 72, 5, 20, 1200, 5.0, 0.0, 12)
+    for later_s, often in ((0, 1), (61, 0)):
+        later_ns = c.now_ns + later_s * NS
+        c.session.post(message, later_ns)
+        sent = Conversation(c.session, [], sent=c.session.due(later_ns)).kinds()
+        assert sent.count("OBSTACLE_DISTANCE") == often
 
 
 def test_a_configured_vehicle_is_the_only_one_received() -> None:

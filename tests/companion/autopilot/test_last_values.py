@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 
+from companion.autopilot.autopilot_values import AutopilotValues
 from companion.autopilot.firmware_version import FirmwareVersion
 from companion.autopilot.last_values import NAME, LastValues, LastValuesFile
 from companion.autopilot.line import AutopilotLine
@@ -187,3 +188,11 @@ def test_what_was_read_of_one_of_several_vehicles_brings_no_wall_near(kind: str,
     )
     part.tick(4 * NS, link)
     assert nearest_wall_m(part) >= (2.0 if kind == "ArduPilot" else 3.0)
+
+
+def test_of_several_vehicles_none_is_on_the_ground(tmp_path: Path) -> None:
+    """On the ground distances below 0.75 m are not sent. The vehicle received first stood there, and the own one flew."""
+    values = AutopilotValues(LastValuesFile(tmp_path))
+    first = Vehicle(7, "ArduPilot", 2, False, 5, 0)
+    assert values.state(first, NS, is_uncertain=False).on_ground
+    assert not values.state(first, NS, is_uncertain=True).on_ground
