@@ -15,15 +15,20 @@ def _is_command() -> bool:
     return program == "companion"
 
 
+_IS_COMMAND = _is_command()  # of -m, Python replaces the name of the program later
+
+
 def _end(number: int, frame: FrameType | None) -> None:
     os._exit(130)
 
 
 def end_at_interrupt() -> None:
-    """From now on Ctrl-C ends this process at once, with status 130 and without a word: nothing of a command has begun.
+    """From now on Ctrl-C ends the command at once, with status 130 and without a word: nothing of it has begun. A program that imports
+    this package keeps its own handler.
 
     The KeyboardInterrupt would be lost where it arrives in an import that catches everything, and the command would run on."""
-    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:  # a shell lets its background jobs ignore it
+    # a shell lets its background jobs ignore it
+    if _IS_COMMAND and signal.getsignal(signal.SIGINT) is signal.default_int_handler:
         with suppress(ValueError):  # not in the main thread, which alone gets signals
             signal.signal(signal.SIGINT, _end)
 
@@ -34,14 +39,13 @@ def raise_at_interrupt() -> None:
         signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
-if _is_command():
-    end_at_interrupt()
+end_at_interrupt()
 try:
     from .kernels.jit_cache import use_own_cache
 
     with suppress(ModuleNotFoundError):  # without numba; `companion.cli` reports it when a command needs it
         use_own_cache()  # must run before any module imports numba
 except KeyboardInterrupt:  # no function of a command runs yet that could handle it
-    if not _is_command():
+    if not _IS_COMMAND:
         raise
     sys.exit(130)

@@ -15,12 +15,19 @@ from types import MappingProxyType
 import pytest
 
 from companion.cli import main
+from companion.kernels.warmup import ensure_compiled
 from companion.log.log_writer import LogWriter
 from drivers.base import Event
 
 from ..recordings import write_folder
 
 LOG = Path(__file__).parents[2] / "data" / "street.mcap"
+
+
+@pytest.fixture(scope="module", autouse=True)
+def compiled() -> None:
+    """A command that has to compile kernels prints its progress before all else."""
+    ensure_compiled("extractor")
 
 
 @pytest.fixture
@@ -141,12 +148,28 @@ sys.meta_path.insert(0, Swallowing())
 )
 def test_ctrl_c_within_an_import_that_catches_everything_ends_the_start(module: str, tmp_path: Path) -> None:
     """One of 40 interrupted starts of the service ran on: the KeyboardInterrupt was raised within an import and lost."""
-    (tmp_path / "live.toml").write_text('[[camera]]\nname = "front"\nkind = "simulated"\n')
-    environment = {"RUNTIME_DIRECTORY": str(tmp_path / "file"), "STATE_DIRECTORY": str(tmp_path / "file")}
-    (tmp_path / "file").write_text("")  # a start that goes on fails here
+    environment = failing_start(tmp_path)
     command = ["-m", "companion", "run", "-c", "live.toml"]
     ended = ended_by_ctrl_c(module, tmp_path, *command, hook=_SWALLOWED_IMPORT, environment=environment)
     assert (ended.returncode, ended.stdout, ended.stderr) == (130, "", "")
+
+
+def failing_start(folder: Path) -> dict[str, str]:
+    """Writes live.toml. Returns an environment in which a start of the service that goes on fails after the imports."""
+    (folder / "live.toml").write_text('[[camera]]\nname = "front"\nkind = "simulated"\n')
+    (folder / "file").write_text("")
+    return {"RUNTIME_DIRECTORY": str(folder / "file"), "STATE_DIRECTORY": str(folder / "file")}
+
+
+@pytest.mark.process
+def test_a_program_that_starts_the_service_is_not_ended_at_once(tmp_path: Path) -> None:
+    """It ended with status 130, with nothing of what it does at its end."""
+    content = "from companion.cli import main\nprint(main(['run', '-c', 'live.toml']))\n"
+    environment = failing_start(tmp_path)
+    ended = ended_by_ctrl_c(
+        "companion.live.service", tmp_path, "-c", content, hook=_SWALLOWED_IMPORT, environment=environment
+    )
+    assert (ended.returncode, ended.stdout) == (0, "1\n")
 
 
 @pytest.mark.process
