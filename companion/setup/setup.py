@@ -262,7 +262,11 @@ def _autopilot(given: str | None, ask: Questions) -> tuple[str, int]:
 def _system_id(found: FoundAutopilot, ask: Questions) -> int:
     """The id of the own autopilot; 0: not known."""
     if len(found.kinds) == 1:
-        return next(iter(found.kinds))
+        (only,) = found.kinds
+        print_line(
+            f"[autopilot] system_id = {only}: if this is another vehicle's autopilot, correct it; those with another id are ignored"
+        )
+        return only
     number = ask.number("system id of this vehicle's autopilot (0: not known)", 0, (0, 255))
     if number == 0:
         warn(

@@ -406,4 +406,5 @@ def test_the_system_id_is_written_where_it_is_known(
     assert (config.address, config.system_id) == (found.address, system_id)
     output = capsys.readouterr()
     assert "PX4, system 3" in output.out
+    assert ("system_id = 3: if this is another vehicle's autopilot" in output.out) is (len(kinds) == 1)
     assert ("set [autopilot] system_id to that of this vehicle" in output.err) is is_warned
