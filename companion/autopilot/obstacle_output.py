@@ -159,12 +159,14 @@ class ObstacleOutput:
 
     def _notes(self, now_ns: int) -> dict[str, str]:
         """Returns topic -> fault, as text, for the ground station. All topics are included, so that the end of a
-        fault is reported; without a received autopilot only that of signatures, of which it is sent a notice."""
+        fault is reported; without a received autopilot only that of signatures, of which it is sent a notice, and that several
+        vehicles are received: the own one may be another one."""
         signing = self._link.signing_fault if self._link is not None else ""
         conflicts = self._link.conflicts if self._link is not None else {}
         vehicle = self._line.vehicle()
         if vehicle is None:
-            return {"signing": signing}
+            topic = "several vehicles"
+            return {"signing": signing} | ({topic: conflicts.get(topic, "")} if self._line.silent() else {})
         notes = dict.fromkeys(CONFLICT_CODES, "") | conflicts
         for camera, degraded in tuple(self._mount_degraded.items()):
             notes[f"mount {camera}"] = mount_note(camera, degraded)

@@ -241,7 +241,7 @@ class MavlinkSession:
         """Adds a message that the next `due` sends, unless it has waited too long by then (`outbox.VALID_NS`), or a newer
         heartbeat contradicts the one that it was decided by.
 
-        Without a received autopilot it is dropped and counted, except for obstacles to one that `own.fell_silent`."""
+        Without a received autopilot it is dropped and counted, except for obstacles and texts to one that `own.fell_silent`."""
         self._outbox.post(message, now_ns, decided_by)
 
     @property
@@ -254,7 +254,8 @@ class MavlinkSession:
         messages: list[Any] = []
         if not self.connected(now_ns):
             rejected, silent = self._signing.rejects_autopilot(now_ns), self.own.fell_silent(now_ns)
-            ids = {dialect.MAVLINK_MSG_ID_STATUSTEXT} if rejected else OBSTACLE_IDS if silent else set()
+            texts = {dialect.MAVLINK_MSG_ID_STATUSTEXT}
+            ids = texts if rejected else OBSTACLE_IDS | texts if silent else set()
             kept, dropped = self._outbox.take_only(ids, now_ns)
             self.counts[LinkAnomaly.UNSENT_NO_AUTOPILOT] += dropped
             if (sends_first or rejected) and now_ns >= self._next_heartbeat_ns:

@@ -202,8 +202,9 @@ def test_obstacles_are_still_sent_while_another_vehicle_than_the_one_received_fi
     for later_s, often in ((0, 1), (61, 0)):
         later_ns = c.now_ns + later_s * NS
         c.session.post(message, later_ns)
+        c.session.post(dialect.MAVLink_statustext_message(4, b"OA: several vehicles, set system_id"), later_ns)
         sent = Conversation(c.session, [], sent=c.session.due(later_ns)).kinds()
-        assert sent.count("OBSTACLE_DISTANCE") == often
+        assert sent.count("OBSTACLE_DISTANCE") == sent.count("STATUSTEXT") == often
 
 
 def test_a_configured_vehicle_is_the_only_one_received() -> None:

@@ -175,19 +175,32 @@ def test_what_was_read_of_one_of_several_vehicles_brings_no_wall_near(kind: str,
     assert nearest_wall_m(part) < 0.7
     other = Vehicle(1, kind, 2, True, 5, 0)
     part._line = AutopilotLine(lambda: other, lambda message: None)
-    one = ClockEstimate(ClockSource.ENVELOPE)
-    link = LinkStatus(
-        vehicle=other,
-        clock=one,
+    part.tick(4 * NS, several_vehicles(other))
+    assert nearest_wall_m(part) >= (2.0 if kind == "ArduPilot" else 3.0)
+
+
+def several_vehicles(first: Vehicle) -> LinkStatus:
+    return LinkStatus(
+        vehicle=first,
+        clock=ClockEstimate(ClockSource.ENVELOPE),
         clock_restarts=0,
         attitude_hz=0.0,
         position_hz=0.0,
         received=1,
         counts={},
         vehicle_uncertain=True,
+        conflicts={"several vehicles": "several vehicles, set system_id: systems 1, 7"},
     )
-    part.tick(4 * NS, link)
-    assert nearest_wall_m(part) >= (2.0 if kind == "ArduPilot" else 3.0)
+
+
+def test_the_ground_station_is_sent_the_cause_while_the_vehicle_received_first_is_silent(tmp_path: Path) -> None:
+    """After a change of its system id the autopilot is another vehicle, and the first one stays silent: all cameras are blind."""
+    part, sent = obstacle_output(tmp_path), list[Any]()
+    first = Vehicle(7, "ArduPilot", 2, False, 5, 0)
+    part._line = AutopilotLine(lambda: None, sent.append, lambda: first)
+    for k in range(50):
+        part.tick(NS + k * NS // 10, several_vehicles(first))
+    assert [m.text for m in sent] == ["OA: several vehicles, set system_id"]
 
 
 def test_of_several_vehicles_none_is_on_the_ground(tmp_path: Path) -> None:
