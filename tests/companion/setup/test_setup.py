@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import threading
 from contextlib import ExitStack
 from pathlib import Path
 from types import SimpleNamespace
@@ -341,13 +342,22 @@ def test_a_port_that_cannot_be_opened_is_named(tmp_path: Path, monkeypatch: pyte
 
 
 def heard(*systems: tuple[int, str]) -> FoundAutopilot:
-    """What is received on one line while autopilots with these system ids and of these kinds send to it."""
+    """What is received on one line to which autopilots with these system ids and of these kinds send. The second one begins after the
+    first heartbeat of the first, which is sent within a second."""
     port = free_port()
     with ExitStack() as stack:
-        for system, kind in systems:
+
+        def begin(system: int, kind: str) -> None:
             profile = FirmwareProfile(kind=kind, system_id=system)
             stack.enter_context(AutopilotLink(SimulatedAutopilot(profile), UdpEnd("127.0.0.1", port)))
+
+        begin(*systems[0])
+        others = [threading.Timer(1.5, begin, system) for system in systems[1:]]
+        for other in others:
+            other.start()
         found = listen.autopilot_at(f"udpin:127.0.0.1:{port}", 2.5, print)
+        for other in others:
+            other.join()
     assert found is not None
     return found
 
