@@ -83,17 +83,17 @@ class ObstacleOutput:
         self.sender.open()
 
     def end(self) -> None:
-        """Announces that the service stops: from now on all cameras count as blind. An armed vehicle gets a
-        STATUSTEXT."""
+        """Announces that the service stops: from now on all cameras count as blind. A vehicle that may be in flight gets
+        a STATUSTEXT."""
         self._builder.end("the service stops")
-        vehicle = self._line.vehicle()
-        if vehicle is not None and vehicle.armed and not self._end_ns:
+        vehicle = self._may_fly()
+        if vehicle is not None and not self._end_ns:
             self._end_ns = time.monotonic_ns()
             text = shutdown_text(self.values.facts(vehicle))
             self._line.post(text_message(dialect.MAV_SEVERITY_CRITICAL, text))
 
     def close(self) -> None:
-        """Stops. An armed vehicle is sent the artificial wall for stop_hold_s first. May be called twice."""
+        """Stops. A vehicle that may be in flight is sent the artificial wall for stop_hold_s first. May be called twice."""
         hold_ns = round(self._avoid.stop_hold_s * NS)
         while self._end_ns and time.monotonic_ns() - self._end_ns < hold_ns and self._flies_on():
             time.sleep(0.05)
@@ -102,13 +102,21 @@ class ObstacleOutput:
         self.sender.close()
 
     def _flies_on(self) -> bool:
-        """True if an armed vehicle is being sent the artificial wall."""
-        vehicle = self._line.vehicle()
-        armed = vehicle is not None and vehicle.armed
+        """True if a vehicle that may be in flight is being sent the artificial wall."""
         sends_wall = (
             self.report is not None and self.report.policy in ("stop", "brake") and self.report.values is not None
         )
-        return armed and self.sender.running and sends_wall
+        return self._may_fly() is not None and self.sender.running and sends_wall
+
+    def _may_fly(self) -> Vehicle | None:
+        """Returns the autopilot if its vehicle is armed, or may not be the own one, which may be armed; None: neither."""
+        vehicle = self._line.vehicle() or self._line.silent()
+        return vehicle if vehicle is not None and (vehicle.armed or self._is_uncertain) else None
+
+    @property
+    def _is_uncertain(self) -> bool:
+        """Several vehicles are received, or several that use the ids of one."""
+        return self._link is not None and self._link.vehicle_uncertain
 
     # ---- in ---------------------------------------------------------------------------------------------------------
 
@@ -245,8 +253,7 @@ class ObstacleOutput:
         vehicle = self._line.vehicle() or self._line.silent()
         if vehicle is None:
             return AutopilotNow()
-        is_uncertain = self._link is not None and self._link.vehicle_uncertain
-        return self.values.state(vehicle, time.monotonic_ns(), is_uncertain=is_uncertain)
+        return self.values.state(vehicle, time.monotonic_ns(), is_uncertain=self._is_uncertain)
 
     def _send(self, message: Any) -> None:
         report = self.sender.report  # may go out as many messages

@@ -16,9 +16,10 @@ from companion.autopilot.line import AutopilotLine
 from companion.autopilot.obstacle_output import ObstacleOutput
 from companion.autopilot.obstacle_report import CameraUse, ObstacleReport
 from companion.config.avoidance import AvoidParams
+from drivers.mavlink.clock_sync import ClockEstimate, ClockSource
 from drivers.mavlink.commands import SET_MESSAGE_INTERVAL
 from drivers.mavlink.dialect import dialect
-from drivers.mavlink.session_types import Vehicle
+from drivers.mavlink.session_types import LinkStatus, Vehicle
 from osape_client.proto import osape_v1_pb2 as pb
 
 from ..report_chain import AVOID, CAMERA, Chain
@@ -27,6 +28,15 @@ from ..sector_models import model, wall_at
 NS = 1_000_000_000
 HOLD_S = 3.0
 SEEN = CameraUse(cameras=("front",), timeout_s=0.3)
+NOT_CONNECTED = LinkStatus(
+    vehicle=None,
+    clock=ClockEstimate(ClockSource.ENVELOPE),
+    clock_restarts=0,
+    attitude_hz=0.0,
+    position_hz=0.0,
+    received=0,
+    counts={},
+)
 WALL = ObstacleReport(NS, np.full(72, 212, np.uint16), {"front": "the service stops"}, "stop")
 
 
@@ -34,17 +44,18 @@ class Stop:
     """An output whose last report is given, with a clock that only `sleep` moves."""
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch, report: ObstacleReport | None, armed: bool = True) -> None:
-        self.now_ns, self.posted, self.closed = NS, list[Any](), 0
+        self.now_ns, self.posted, self.closed, self.silent = NS, list[Any](), 0, False
         self.armed: Callable[[float], bool] = lambda after_s: armed
         monkeypatch.setattr(
             obstacle_output, "time", SimpleNamespace(monotonic_ns=lambda: self.now_ns, sleep=self._sleep)
         )
         avoid = AvoidParams(send=True, stop_hold_s=HOLD_S)
-        self.part = ObstacleOutput(avoid, SEEN, AutopilotLine(self._vehicle, self.posted.append))
+        line = AutopilotLine(lambda: None if self.silent else self._vehicle(), self.posted.append, self._vehicle)
+        self.part = ObstacleOutput(avoid, SEEN, line)
         self.sender = SimpleNamespace(report=report, running=True, close=self._close, sent=0)
         monkeypatch.setattr(self.part, "sender", self.sender)
 
-    def _vehicle(self) -> Vehicle | None:
+    def _vehicle(self) -> Vehicle:
         return Vehicle(1, "ArduPilot", 2, self.armed((self.now_ns - NS) / NS), 5, 0)
 
     def _sleep(self, seconds: float) -> None:
@@ -82,6 +93,26 @@ def test_a_vehicle_that_is_not_armed_is_sent_neither_text_nor_wall(monkeypatch: 
     stop.part.end()
     assert stop.posted == []
     assert stop.held_s() == 0.0
+
+
+def test_an_armed_vehicle_that_is_silent_may_still_receive(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Obstacles are sent to it until the stop, which sent neither text nor wall."""
+    stop = Stop(monkeypatch, WALL)
+    stop.silent = True
+    stop.part.end()
+    assert [m.get_type() for m in stop.posted] == ["STATUSTEXT"]
+    assert stop.held_s() == pytest.approx(HOLD_S, abs=0.06)
+
+
+@pytest.mark.parametrize("silent", [False, True])
+def test_of_several_vehicles_the_own_one_may_be_armed(monkeypatch: pytest.MonkeyPatch, silent: bool) -> None:
+    stop = Stop(monkeypatch, WALL, armed=False)
+    stop.part.tick(NS, replace(NOT_CONNECTED, vehicle_uncertain=True))
+    stop.posted.clear()
+    stop.silent = silent
+    stop.part.end()
+    assert [m.get_type() for m in stop.posted] == ["STATUSTEXT"]
+    assert stop.held_s() == pytest.approx(HOLD_S, abs=0.06)
 
 
 def test_the_wall_is_held_no_longer_than_the_vehicle_is_armed(monkeypatch: pytest.MonkeyPatch) -> None:
