@@ -81,6 +81,7 @@ class Verdict:
     # it does not fit before an obstacle that the newest frame and another one show with many pixels
     firm_stop: bool = False
     course_rad: float | None = None  # direction of the path, clockwise from north; None: not known
+    camera_fails: bool = False  # a camera gives no usable frame, or the frames are late
 
 
 class PathAssessor:
@@ -131,6 +132,7 @@ class PathAssessor:
             obstacle_stop=obstacle_stop,
             firm_stop=firm,
             course_rad=newest.course_rad,
+            camera_fails=newest.camera_fails or not fresh,
         )
 
     def _must_stop_before(self, obstacle_m: float, speed_m_s: float) -> bool:

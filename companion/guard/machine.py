@@ -335,10 +335,13 @@ class GuardMachine:
         return self._attempt is not None and now.now_ns - self._attempt.t_ns < GAINS_NS
 
     def _follow_sight_at_rest(self, now: GuardInput) -> None:
-        """Records that the path is seen, where the vehicle looks along the course on which it was stopped. Elsewhere the time does
-        not count: a vehicle that flies sideways would be stopped each time its mission is resumed."""
+        """Records that the path is seen, if a camera had failed, none fails now, and the vehicle looks along the course on which it
+        was stopped. Otherwise the time does not count: a vehicle that flies sideways, or leans or descends so that no camera shows
+        its path, would be stopped each time its mission is resumed."""
         turned_rad = self._turned_rad(now)
-        if turned_rad is not None and abs(turned_rad) <= ALONG_RAD:
+        along = turned_rad is not None and abs(turned_rad) <= ALONG_RAD
+        had_failed = self._reason is not None and self._reason.camera_fails
+        if along and had_failed and now.verdict is not None and not now.verdict.camera_fails:
             self._follow_sight(now)
         else:
             self._sees_since_ns = None

@@ -62,6 +62,7 @@ class PathSight:
     weak_obstacle_m: float  # nearest obstacle with weak support, which needs a second frame; inf: none
     position_ned_m: tuple[float, float, float] | None  # of the vehicle; None: not known
     cause: str = ""  # why nothing is seen, as text; empty: something is
+    camera_fails: bool = False  # a camera gives no usable frame
     remembered_m: float = math.inf  # nearest obstacle that was seen before, where no camera looks now; inf: none
     ahead_free_m: float = math.inf  # like free_m, along the course that follows in a turn; inf: no turn
     obstacle_frame: Frame | None = None  # frame that shows the obstacle at obstacle_m; None: not known
@@ -144,6 +145,7 @@ def path_sight(
         position_ned_m=None if s.here is None else s.here.position_ned_m,
         estimate=(None, 0) if s.here is None else s.here.estimate,
         cause=cause,
+        camera_fails=bool(s.blind),
         shown_ns=None if s.moved else s.exposed_ns,
     )
 

@@ -46,7 +46,8 @@ BLOCKED = replace(
 )
 WEAK = replace(BLOCKED, firm_stop=False)
 NARROW = replace(FREE, action=Action.SLOW, allowed_m_s=2.2, room_m=8.0, cause="obstacle 8.0 m ahead", obstacle=True)
-BLIND = replace(WEAK, room_m=0.0, obstacle=False, obstacle_stop=False, sees=False, cause="front: no frame")
+UNSEEN = replace(WEAK, room_m=0.0, obstacle=False, obstacle_stop=False, sees=False, cause="seen free for 0.0 m only")
+BLIND = replace(UNSEEN, cause="front: no frame", camera_fails=True)
 
 
 @dataclass

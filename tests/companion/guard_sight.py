@@ -42,6 +42,7 @@ def seen(
     turn_deg_s: float = 0.0,
     recall: Recall | None = None,
     moved: bool = True,
+    blind: dict[str, str] | None = None,
 ) -> PathSight:
     views = () if found is None else (View(found, LevelTransform(0.0, (0.0, 0.0, 0.0))),)
     s = Surroundings(
@@ -51,7 +52,7 @@ def seen(
         exposed_ns=T_NS - 50 * MS if views else None,
         recall=recall,
         recalled=recalled or nothing_remembered(),
-        blind={} if views else {"front": "no frame yet"},
+        blind=blind or ({} if views else {"front": "no frame yet"}),
         here=replace(HERE, heading_rad=heading),
         velocity_ned_m_s=velocity,
         moved=moved,

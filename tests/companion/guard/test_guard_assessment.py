@@ -42,6 +42,20 @@ def test_distances_of_views_that_were_not_moved_begin_at_their_exposure() -> Non
     assert verdict.room_m == pytest.approx(12.0 - 0.75), "by an earlier sight"
 
 
+@pytest.mark.parametrize(
+    ("blind", "age_ms", "fails"), [({}, 300, False), ({"rear": "no frame"}, 0, True), ({}, 500, True)]
+)
+def test_a_failed_camera_and_late_frames_differ_from_a_path_that_is_not_shown(
+    blind: dict[str, str], age_ms: int, fails: bool
+) -> None:
+    assessor = PathAssessor(GUARD, BRAKING, AVOID)
+    assessor.take(seen(model(free_to_m=0.0), blind=blind))
+    verdict = assessor.verdict(T_NS + age_ms * MS)
+    assert verdict is not None
+    assert not verdict.sees
+    assert verdict.camera_fails is fails
+
+
 @pytest.mark.parametrize(("after_ms", "stops"), [(0, False), (100, True)])
 def test_the_way_since_the_newest_sight_counts_for_a_firm_stop(after_ms: int, stops: bool) -> None:
     at_m = BRAKING.needed_m(5.0) + 0.3

@@ -25,6 +25,7 @@ from ..guard_machine import (
     RETURN,
     RTL,
     STEP_NS,
+    UNSEEN,
     WEAK,
     Flight,
     commands,
@@ -125,6 +126,26 @@ def test_a_camera_that_sees_the_course_again_at_rest_stops_a_second_time(
     assert commands(f.step(20)) == []
     f.verdict = replace(BLIND, course_rad=math.pi)
     assert bool(commands(f.step())) is stopped_again
+
+
+@pytest.mark.parametrize("course_rad", [0.0, math.radians(60.0)])
+@pytest.mark.parametrize("other_camera_fails", [False, True])
+def test_a_path_that_no_camera_shows_in_flight_stops_once_although_it_is_seen_at_rest(
+    course_rad: float, other_camera_fails: bool
+) -> None:
+    """In a descent, with a strong lean or under an open sky each resumed mission would be stopped."""
+    f = Flight()
+    f.verdict = replace(FREE, course_rad=course_rad, camera_fails=other_camera_fails)
+    f.step()
+    f.verdict = replace(UNSEEN, course_rad=course_rad, camera_fails=other_camera_fails)
+    assert len(commands(f.step())) == 1
+    f.mode, f.verdict = COPTER_BRAKE, replace(FREE, speed_m_s=0.0, course_rad=0.0, camera_fails=other_camera_fails)
+    f.step(12 + 2 * REARM_NS // STEP_NS)
+    assert f.state is GuardState.HOLDING
+    f.mode, f.verdict = AUTO, replace(FREE, course_rad=course_rad, camera_fails=other_camera_fails)
+    assert commands(f.step(20)) == []
+    f.verdict = replace(UNSEEN, course_rad=course_rad, camera_fails=other_camera_fails)
+    assert commands(f.step(50)) == []
 
 
 def test_a_camera_that_fails_at_rest_must_see_anew() -> None:
