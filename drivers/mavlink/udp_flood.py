@@ -22,6 +22,8 @@ HEARTBEATS, ALL_HEARTBEATS = 4, 32
 """The same for further datagrams with a heartbeat."""
 _HEARTBEAT: Final = re.compile(rb"\xfd\x09.{5}\x00\x00\x00|\xfe\x09.{3}\x00", re.DOTALL)
 """Header of a HEARTBEAT in MAVLink 2 and 1."""
+SEARCHED_BYTES = 1500
+"""Only so much of a datagram is searched for it: 64 KiB would take 0.6 ms. Autopilots send no longer ones."""
 TRUST_NS = 3 * NS
 """An address is not trusted any more if its last message of the autopilot is older: the autopilot may have a new one."""
 MOST_TRUSTED = 4
@@ -72,7 +74,9 @@ class FloodFilter:
     def _beat_passes(self, source: SocketAddress, datagram: bytes | memoryview) -> bool:
         """Returns whether a datagram has a heartbeat that is within their number."""
         count = self._beats.get(source, 0) + 1
-        if count > HEARTBEATS or sum(self._beats.values()) >= ALL_HEARTBEATS or _HEARTBEAT.search(datagram) is None:
+        if count > HEARTBEATS or sum(self._beats.values()) >= ALL_HEARTBEATS:
+            return False
+        if _HEARTBEAT.search(datagram, 0, SEARCHED_BYTES) is None:
             return False
         self._beats[source] = count
         return True

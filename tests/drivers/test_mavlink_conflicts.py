@@ -210,6 +210,24 @@ def test_messages_go_to_the_autopilot_and_not_to_the_newest_sender() -> None:
     line.close()
 
 
+def test_a_heartbeat_behind_a_flood_is_read_from_the_line() -> None:
+    line = UdpLine(Address("udpin", "127.0.0.1", free_port()))
+    attitude = frame(dialect.MAVLink_attitude_message(1000, 0.1, 0.2, 0.3, 0.0, 0.0, 0.0), system=2)
+    with (
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as own,
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other,
+    ):
+        own.sendto(frame(heartbeat(12)), ("127.0.0.1", line.port))
+        assert line.read(5.0)
+        line.answer(0)
+        for data in (*[attitude] * 200, frame(heartbeat(12), system=2)):
+            other.sendto(data, ("127.0.0.1", line.port))
+        read = [data for data, _ in line.read(5.0)]
+        assert len(read) < 200
+        assert read[-1] == frame(heartbeat(12), system=2)
+    line.close()
+
+
 def test_half_a_message_of_one_holds_back_none_of_another() -> None:
     session = MavlinkSession()
     there, anybody = ("10.0.0.1", 1), ("10.0.0.2", 2)

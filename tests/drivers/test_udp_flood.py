@@ -7,7 +7,16 @@ from typing import Any
 import pytest
 
 from drivers.mavlink.dialect import dialect
-from drivers.mavlink.udp_flood import ALL_SOURCES, HEARTBEATS, NS, PER_SOURCE, TRUST_NS, WINDOW_NS, FloodFilter
+from drivers.mavlink.udp_flood import (
+    ALL_SOURCES,
+    HEARTBEATS,
+    NS,
+    PER_SOURCE,
+    SEARCHED_BYTES,
+    TRUST_NS,
+    WINDOW_NS,
+    FloodFilter,
+)
 
 AUTOPILOT = ("10.0.0.1", 14550)
 OTHER = ("10.0.0.9", 14590)
@@ -75,3 +84,12 @@ def test_heartbeats_are_bounded_too() -> None:
     flood = trusting()
     assert sum(flood.passes(OTHER, NS, packed(HEARTBEAT)) for _ in range(1000)) == PER_SOURCE + HEARTBEATS
     assert sum(flood.passes(("10.0.0.9", k), NS, packed(HEARTBEAT)) for k in range(2, 1000)) < ALL_SOURCES
+
+
+@pytest.mark.parametrize(("before", "passes"), [(SEARCHED_BYTES - 12, True), (60_000, False)])
+def test_a_long_datagram_takes_no_longer_than_one_of_an_autopilot(before: int, passes: bool) -> None:
+    """Each of 64 KiB took as long as hundreds of others."""
+    flood = trusting()
+    for _ in range(PER_SOURCE):
+        flood.passes(OTHER, NS, ATTITUDE)
+    assert flood.passes(OTHER, NS, bytes(before) + packed(HEARTBEAT)) is passes
