@@ -3,12 +3,30 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from typing import Any
+from typing import Any, Final
 
+from core.types.model import InvalidCause
 from drivers.mavlink.dialect import dialect
+
+from ..pipeline.sync import DropCause
 
 NS = 1_000_000_000
 MOST_CHARACTERS = 50
+SHORT: Final = {
+    DropCause.ATTITUDE_STALE.text: "newest attitude too old",
+    DropCause.FRAME_TOO_OLD.text: "exposure before all attitudes",
+    DropCause.GAP_TOO_WIDE.text: "gap or conflict of attitudes",
+    DropCause.NO_RATES.text: "attitude without body rates",
+    DropCause.CLOCK_UNCERTAIN.text: "turns too fast for its clock",
+    DropCause.DUPLICATE_FRAME.text: "exposure handled already",
+    DropCause.LATE_FRAME.text: "exposures not in order",
+    DropCause.WRONG_SIZE.text: "wrong image size",
+    InvalidCause.TOO_STEEP.text: "camera tilted too far",
+    InvalidCause.NON_FINITE.text: "values not finite",
+    InvalidCause.MOUNT_ERROR.text: "mount wrong in roll or pitch",
+    InvalidCause.MOUNT_UNVERIFIED.text: "mount unverified, turn vehicle",
+}
+"""Causes of a blind camera that would be cut, and what is sent in their place."""
 LEAST_APART_NS, OPENING_NS = 2 * NS, 10 * NS
 
 
@@ -64,7 +82,11 @@ class StatusTexts:
             if self._sent.get(camera) != is_blind or camera in self._repeated:
                 self._sent[camera] = is_blind
                 if is_blind:
-                    return camera, dialect.MAV_SEVERITY_CRITICAL, f"{camera} blind: {blind[camera]}"
+                    return (
+                        camera,
+                        dialect.MAV_SEVERITY_CRITICAL,
+                        f"{camera} blind: {SHORT.get(blind[camera], blind[camera])}",
+                    )
                 return camera, dialect.MAV_SEVERITY_INFO, f"{camera} recovered"
         return None
 

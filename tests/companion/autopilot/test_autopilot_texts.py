@@ -6,7 +6,9 @@ import itertools
 
 import pytest
 
-from companion.autopilot.status_text import MOST_CHARACTERS, StatusTexts, mount_note, shortened
+from companion.autopilot.status_text import MOST_CHARACTERS, OPENING_NS, SHORT, StatusTexts, mount_note, shortened
+from companion.pipeline.sync import DropCause
+from core.types.model import InvalidCause
 
 from ..parameter_replies import NS
 
@@ -86,6 +88,17 @@ def test_texts_fit_their_field_and_are_never_cut_inside_a_word(cause: str) -> No
     assert full.startswith(text)
     assert full[len(text) :].lstrip(",;(") == "" or full[len(text) :].lstrip(",;(")[0] == " "
     assert len(full) <= MOST_CHARACTERS or set(text.split()) <= set(full.replace(",", "").replace("(", "").split())
+
+
+@pytest.mark.parametrize("cause", [c for c in (*DropCause, *InvalidCause) if c.text], ids=lambda c: c.name)
+def test_no_cause_of_a_blind_camera_ends_in_mid_sentence(cause: DropCause | InvalidCause) -> None:
+    """The pilot got OA: front blind: the newest attitude is too old to."""
+    texts = StatusTexts()
+    assert texts.due({"front": ""}, 0) is None
+    sent = texts.due({"front": cause.text}, OPENING_NS).text
+    expected = f"OA: front blind: {SHORT.get(cause.text, cause.text)}"
+    assert sent == expected
+    assert len(expected) <= MOST_CHARACTERS
 
 
 def test_a_text_that_fits_is_not_changed() -> None:
