@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 from argparse import ArgumentTypeError
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeVar
@@ -21,6 +22,7 @@ from ..config.camera_kinds import CAMERA_KINDS
 from ..config.loader import ConfigError, load_config
 from ..console import print_line, warn
 from ..doctor.doctor import PATIENCE_S, examine, print_findings
+from ..doctor.finding import Finding
 from ..install.steps import configuration_mode, install_paths, start_command
 from ..usage_error import UsageError
 from ..whole_file import refuse_existing, write_whole
@@ -135,16 +137,31 @@ def run(args: argparse.Namespace) -> int:
         print_line(f"it is not complete yet: {'; '.join(error.problems)}")
         print_line(f"edit {args.output}, then run: companion doctor -c {shell_word(args.output)}")
         return 1
-    ok = True if args.no_doctor else print_findings(examine(config, PATIENCE_S))
-    print_line(f"next: {_next_step(answers, args.output, ok)}")
+    findings: list[Finding] = []
+    ok = True if args.no_doctor else print_findings(_kept(examine(config, PATIENCE_S), findings))
+    received = any(finding.part == "autopilot" and finding.ok for finding in findings)
+    print_line(f"next: {_next_step(answers, args.output, ok=ok, received=received)}")
     return 0 if ok else 1
 
 
-def _next_step(answers: Answers, output: Path, ok: bool) -> str:
-    """What to do with the written configuration. ok: the doctor found no fault, or was not asked."""
+def _kept(findings: Iterable[Finding], kept: list[Finding]) -> Iterator[Finding]:
+    """The same findings, each added to a list when it is made."""
+    for finding in findings:
+        kept.append(finding)
+        yield finding
+
+
+def _next_step(answers: Answers, output: Path, *, ok: bool, received: bool) -> str:
+    """What to do with the written configuration. ok: the doctor found no fault, or was not asked. received: it received an
+    autopilot."""
     name = shell_word(output)
     if answers.kind == "simulated" and not answers.autopilot:
         return f'set [autopilot] address = "{SIMULATED_ADDRESS}" in {name} for `companion simulate-autopilot`'
+    if answers.kind == "simulated" and received:
+        return (
+            f"companion run -c {name}; an autopilot is received already. If it is a SITL, set follow of the camera first: "
+            "docs/how-to/fly-in-simulation.md"
+        )
     if answers.kind == "simulated":
         return f"companion run -c {name}, and beside it companion simulate-autopilot -c {name}"
     if not ok:

@@ -14,6 +14,7 @@ import companion.setup.setup as setup
 from companion.cli import main
 from companion.config.camera_kinds import CAMERA_KINDS
 from companion.config.loader import load_config
+from companion.doctor.finding import Finding
 from companion.setup import listen
 from companion.setup.configuration import Answers, configuration_text
 from companion.setup.devices import FoundCamera, find_cameras, find_serial_ports
@@ -314,6 +315,19 @@ def test_a_simulated_camera_gets_the_simulated_autopilot(tmp_path: Path, capsys:
     shipped = load_config(Path("configs/simulated.toml"))  # on a busy computer the flight is not rendered within 30 s
     assert load_config(out).supervision.open_s == shipped.supervision.open_s
     assert f"companion simulate-autopilot -c {out}" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("received", [False, True])
+def test_no_second_autopilot_is_proposed_where_one_is_received(
+    received: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Beside a PX4 in simulation it was `companion simulate-autopilot`."""
+    found = Finding("autopilot", received, "PX4, system 1, disarmed" if received else "no heartbeat")
+    monkeypatch.setattr(setup, "examine", lambda config, patience_s: [found])
+    main(["setup", "--yes", "--camera", "simulated", "-o", str(tmp_path / "c.toml")])
+    step = capsys.readouterr().out.partition("next: ")[2]
+    assert ("simulate-autopilot" in step) is not received
+    assert ("fly-in-simulation" in step) is received
 
 
 def test_configs_are_listed_and_copied(
