@@ -29,8 +29,8 @@ NEW_STREAM_TICKS = 60 * TICKS_PER_S
 """Largest lag of the timestamp of a new sender."""
 RECENT_NS = 5 * NS
 """Only messages of the autopilot within this time decide which fault is reported."""
-HEARD_NS = NS
-"""An autopilot that was not heard for so long ignores nothing: it is gone."""
+HEARD_NS = 3 * NS
+"""An autopilot that was not heard for so long ignores nothing: it is gone. It may send a heartbeat a second and nothing else."""
 _NO_KEY = bytes(KEY_BYTES)
 
 

@@ -158,6 +158,18 @@ def test_an_autopilot_that_takes_nothing_we_sign_is_named() -> None:
     assert "ignores signed messages: its key is the same" in fault(c)
 
 
+def test_an_autopilot_that_sends_only_heartbeats_and_takes_nothing_is_named_all_the_time() -> None:
+    """It ignores the requests for other messages, too. Where a heartbeat was lost, the fault was reported as ended."""
+    c = talk(ARDUPILOT, KEY, KEY, signing_ticks=NOW, answers_timesync=False)
+    c.run(8.0)
+    found = []
+    for k in range(60):
+        c.lost = None if 20 <= k < 30 else frozenset(range(1, 512))
+        c.run(0.1)
+        found.append("ignores signed messages: its key is the same" in fault(c))
+    assert all(found)
+
+
 def test_an_autopilot_that_is_switched_off_ignores_nothing() -> None:
     """Seen with PX4 1.18: for two seconds after its end the clock of this computer was named as the cause."""
     c = talk(PX4, KEY, KEY, signing_ticks=NOW)
