@@ -25,6 +25,7 @@ from .attempt import FAILED_AFTER, Attempt, next_method
 from .availability import Availability
 from .hold_motion import HoldMotion
 from .modes import STOP_MODES, STOP_ORDER, StopMethod, Watched, returns_by_failsafe, takes_speed, watched_mode
+from .path_sight import LEAST_SPEED_M_S
 from .speed_limit import IN_PROGRESS, LimitState, SpeedLimiter
 from .states import (
     INTERVENES,
@@ -338,13 +339,15 @@ class GuardMachine:
         """Records that the path is seen, if a camera had failed, none fails now, and the vehicle looks along the course on which it
         was stopped. Otherwise the time does not count: a vehicle that flies sideways, or leans or descends so that no camera shows
         its path, would be stopped each time its mission is resumed."""
-        turned_rad = self._turned_rad(now)
-        along = turned_rad is not None and abs(turned_rad) <= ALONG_RAD
+        verdict, turned_rad = now.verdict, self._turned_rad(now)
         had_failed = self._reason is not None and self._reason.camera_fails
-        if along and had_failed and now.verdict is not None and not now.verdict.camera_fails:
-            self._follow_sight(now)
-        else:
+        if verdict is None or verdict.camera_fails or not had_failed or turned_rad is None:
             self._sees_since_ns = None
+        elif abs(turned_rad) <= ALONG_RAD:
+            self._follow_sight(now)
+        elif verdict.speed_m_s is None or not LEAST_SPEED_M_S <= verdict.speed_m_s < STANDS_M_S:
+            self._sees_since_ns = None
+        # otherwise the course is that of drift or noise, and the heading is not known
 
     def _flies_back(self, now: GuardInput) -> bool:
         """True if the vehicle flies against the course on which it was stopped.

@@ -148,6 +148,29 @@ def test_a_path_that_no_camera_shows_in_flight_stops_once_although_it_is_seen_at
     assert commands(f.step(50)) == []
 
 
+@pytest.mark.parametrize(
+    ("speed_m_s", "camera_fails", "stopped_again"), [(0.3, False, True), (0.3, True, False), (0.1, False, False)]
+)
+def test_noise_of_the_velocity_at_rest_is_no_other_course(
+    speed_m_s: float, camera_fails: bool, stopped_again: bool
+) -> None:
+    """From 0.2 m/s on the path is along the velocity. At 0.1 m/s the heading has changed."""
+    f = Flight()
+    f.verdict = replace(FREE, course_rad=0.0)
+    f.step()
+    f.verdict = replace(BLIND, course_rad=0.0)
+    f.step()
+    f.mode = COPTER_BRAKE
+    noise = replace(UNSEEN, speed_m_s=speed_m_s, course_rad=2.0, camera_fails=camera_fails)
+    for _ in range(9):
+        f.verdict = replace(FREE, speed_m_s=0.1, course_rad=0.0)
+        f.step(10)
+        f.verdict = noise
+        f.step(2)
+    f.mode, f.verdict = AUTO, replace(BLIND, course_rad=0.0)
+    assert bool(commands(f.step())) is stopped_again
+
+
 def test_a_camera_that_fails_at_rest_must_see_anew() -> None:
     f = Flight()
     f.verdict = replace(FREE, course_rad=0.0)
