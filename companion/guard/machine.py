@@ -74,6 +74,7 @@ class GuardMachine:
     _free_since_ns: int | None = None
     _reason: Verdict | None = None
     _sees_since_ns: int | None = None
+    _camera_failed: bool = False  # the blind stop of the memory came from a camera that failed
     _motion: HoldMotion = field(default_factory=HoldMotion)
     _availability: Availability = field(default_factory=Availability)
 
@@ -228,6 +229,8 @@ class GuardMachine:
     def _stop(self, vehicle: Vehicle, verdict: Verdict, now: GuardInput) -> list[Output]:
         """Begins an intervention: sends the first stop command."""
         self._sees_since_ns = None
+        if not self.memory.blind_stop:
+            self._camera_failed = verdict.camera_fails
         self._begin(
             GuardState.STOPPING, now, blind_stop=self.memory.blind_stop or not verdict.sees, cause=verdict.cause
         )
@@ -340,8 +343,7 @@ class GuardMachine:
         was stopped. Otherwise the time does not count: a vehicle that flies sideways, or leans or descends so that no camera shows
         its path, would be stopped each time its mission is resumed."""
         verdict, turned_rad = now.verdict, self._turned_rad(now)
-        had_failed = self._reason is not None and self._reason.camera_fails
-        if verdict is None or verdict.camera_fails or not had_failed or turned_rad is None:
+        if verdict is None or verdict.camera_fails or not self._camera_failed or turned_rad is None:
             self._sees_since_ns = None
         elif abs(turned_rad) <= ALONG_RAD:
             self._follow_sight(now)

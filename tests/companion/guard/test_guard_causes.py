@@ -171,6 +171,22 @@ def test_noise_of_the_velocity_at_rest_is_no_other_course(
     assert bool(commands(f.step())) is stopped_again
 
 
+def test_a_stop_before_an_obstacle_between_keeps_that_a_camera_had_failed() -> None:
+    f = Flight()
+    f.verdict = replace(FREE, course_rad=0.0)
+    f.step()
+    f.verdict = replace(BLIND, course_rad=0.0)
+    f.step()
+    f.mode, f.verdict = COPTER_BRAKE, replace(BLIND, speed_m_s=0.0, course_rad=0.0)
+    f.step(12)
+    f.mode, f.verdict = AUTO, replace(BLOCKED, course_rad=0.0)
+    assert len(commands(f.step())) == 1
+    f.mode, f.verdict = COPTER_BRAKE, replace(FREE, speed_m_s=0.0, course_rad=0.0)
+    f.step(12 + REARM_NS // STEP_NS)
+    f.mode, f.verdict = AUTO, replace(BLIND, course_rad=0.0)
+    assert len(commands(f.step())) == 1
+
+
 def test_a_camera_that_fails_at_rest_must_see_anew() -> None:
     f = Flight()
     f.verdict = replace(FREE, course_rad=0.0)
