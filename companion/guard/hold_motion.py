@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from typing import Final
 
 NS = 1_000_000_000
+STANDS_M_S: Final = 0.4
+"""A slower vehicle counts as stopped."""
 FALL_M_S: Final = 0.5
 """The vehicle has begun to brake when its speed has decreased by this much."""
 RISE_M_S, RISE_NS = 1.0, NS

@@ -23,9 +23,9 @@ from ..config.guard import GuardParams
 from .assessment import Action, Verdict
 from .attempt import FAILED_AFTER, Attempt, next_method
 from .availability import Availability
-from .hold_motion import HoldMotion
+from .hold_motion import STANDS_M_S, HoldMotion
 from .modes import STOP_MODES, STOP_ORDER, StopMethod, Watched, returns_by_failsafe, takes_speed, watched_mode
-from .path_sight import LEAST_SPEED_M_S
+from .seen_path import SeenPath, turned_rad
 from .speed_limit import IN_PROGRESS, LimitState, SpeedLimiter
 from .states import (
     INTERVENES,
@@ -44,10 +44,6 @@ REARM_NS = 5 * NS
 the vehicle again."""
 FREE_NS = 2 * NS
 """A stop without effect ends if the path is free for this time."""
-ALONG_RAD = math.radians(10.0)
-"""A vehicle at rest looks along the course on which it was stopped if its heading differs by at most this."""
-STANDS_M_S = 0.4
-"""A slower vehicle counts as stopped."""
 GAINS_NS = NS
 """Time after a stop command in which the vehicle may still get faster: PX4 does for up to 1 s."""
 SPARE_STOP_NS = 2 * NS
@@ -73,8 +69,7 @@ class GuardMachine:
     _failure_announced: bool = False
     _free_since_ns: int | None = None
     _reason: Verdict | None = None
-    _sees_since_ns: int | None = None
-    _camera_failed: bool = False  # the blind stop of the memory came from a camera that failed
+    _seen_path: SeenPath = field(default_factory=SeenPath)
     _motion: HoldMotion = field(default_factory=HoldMotion)
     _availability: Availability = field(default_factory=Availability)
 
@@ -133,11 +128,11 @@ class GuardMachine:
         if group is None:
             if self.memory.state is not GuardState.INACTIVE:
                 self._begin(GuardState.INACTIVE, now)
-            self._follow_sight(now)
+            self._record_seen(self._seen_path.in_flight(now.verdict, now.now_ns), now)
             return []
         if self.memory.state is GuardState.INACTIVE or vehicle.custom_mode != self.memory.mode:
             self._begin(GuardState.WATCHING, now)
-        self._follow_sight(now)
+        self._record_seen(self._seen_path.in_flight(now.verdict, now.now_ns), now)
         doubt = now.doubt or self._no_sight(now)
         if doubt:
             return self._doubts(doubt, now)
@@ -152,17 +147,14 @@ class GuardMachine:
             return out + self._stop(vehicle, verdict, now)
         return out if now.silent else out + self._adjust_speed(vehicle, group, verdict, now)
 
-    def _follow_sight(self, now: GuardInput) -> None:
+    def _record_seen(self, seen_ns: int | None, now: GuardInput) -> None:
         """Records that the path is seen.
 
         Unseen space stops the vehicle only after the path was seen once, and after a stop for unseen space only after
-        it was seen for REARM_NS."""
-        if now.verdict is None or not now.verdict.sees:
-            self._sees_since_ns = None
+        it was seen for REARM_NS. seen_ns: for how long it is; None: it is not."""
+        if seen_ns is None:
             return
-        if self._sees_since_ns is None:
-            self._sees_since_ns = now.now_ns
-        armed_again = self.memory.blind_stop and now.now_ns - self._sees_since_ns >= REARM_NS
+        armed_again = self.memory.blind_stop and seen_ns >= REARM_NS
         if not self.memory.seen or armed_again:
             self._change(now, seen=True, blind_stop=self.memory.blind_stop and not armed_again)
 
@@ -228,9 +220,7 @@ class GuardMachine:
 
     def _stop(self, vehicle: Vehicle, verdict: Verdict, now: GuardInput) -> list[Output]:
         """Begins an intervention: sends the first stop command."""
-        self._sees_since_ns = None
-        if not self.memory.blind_stop:
-            self._camera_failed = verdict.camera_fails
+        self._seen_path.stopped(verdict, repeated=self.memory.blind_stop)
         self._begin(
             GuardState.STOPPING, now, blind_stop=self.memory.blind_stop or not verdict.sees, cause=verdict.cause
         )
@@ -305,7 +295,7 @@ class GuardMachine:
         sticks = vehicle.autopilot == ARDUPILOT and vehicle.custom_mode == COPTER_LOITER
         holds = self.memory.state is GuardState.HOLDING
         if holds:
-            self._follow_sight_at_rest(now)
+            self._record_seen(self._seen_path.at_rest(now.verdict, self._reason, now.now_ns), now)
         if holds and not sticks:
             self._motion.stands()
         # PX4 flies a Go-to in Hold. A copter that gets faster in BRAKE before it rested does not brake.
@@ -338,34 +328,13 @@ class GuardMachine:
         """True for a moment after a stop command: a vehicle at the beginning of a leg is slow, and still gets faster."""
         return self._attempt is not None and now.now_ns - self._attempt.t_ns < GAINS_NS
 
-    def _follow_sight_at_rest(self, now: GuardInput) -> None:
-        """Records that the path is seen, if a camera had failed, none fails now, and the vehicle looks along the course on which it
-        was stopped. Otherwise the time does not count: a vehicle that flies sideways, or leans or descends so that no camera shows
-        its path, would be stopped each time its mission is resumed."""
-        verdict, turned_rad = now.verdict, self._turned_rad(now)
-        if verdict is None or verdict.camera_fails or not self._camera_failed or turned_rad is None:
-            self._sees_since_ns = None
-        elif abs(turned_rad) <= ALONG_RAD:
-            self._follow_sight(now)
-        elif verdict.speed_m_s is None or not LEAST_SPEED_M_S <= verdict.speed_m_s < STANDS_M_S:
-            self._sees_since_ns = None
-        # otherwise the course is that of drift or noise, and the heading is not known
-
     def _flies_back(self, now: GuardInput) -> bool:
         """True if the vehicle flies against the course on which it was stopped.
 
         PX4 computes the place to hold from the speed at the command. A vehicle that was getting faster comes to rest
         beyond it, and returns."""
-        turned_rad = self._turned_rad(now)
-        return turned_rad is not None and math.cos(turned_rad) < 0.0
-
-    def _turned_rad(self, now: GuardInput) -> float | None:
-        """Returns the angle from the course on which the vehicle was stopped to its present one; None: one is not known."""
-        course_rad = None if now.verdict is None else now.verdict.course_rad
-        stopped_rad = None if self._reason is None else self._reason.course_rad
-        if course_rad is None or stopped_rad is None:
-            return None
-        return math.remainder(course_rad - stopped_rad, math.tau)
+        turned = turned_rad(now.verdict, self._reason)
+        return turned is not None and math.cos(turned) < 0.0
 
     def _failure(self, text: str) -> list[Output]:
         """Returns the announcement that the attempts have no effect, once per intervention."""
