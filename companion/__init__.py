@@ -23,7 +23,7 @@ def _end(number: int, frame: FrameType | None) -> None:
 
 
 def end_at_interrupt() -> None:
-    """From now on Ctrl-C ends the command at once, with status 130 and without a word: nothing of it has begun. A program that imports
+    """From now on Ctrl-C ends the command at once, with status 130 and without a message: nothing of it has begun. A program that imports
     this package keeps its own handler.
 
     The KeyboardInterrupt would be lost where it arrives in an import that catches everything, and the command would run on."""

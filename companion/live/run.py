@@ -181,7 +181,7 @@ def _run(path: Path) -> int:
         stop.set()
         loading.cancel()  # ends a child process that compiles
 
-    at_stop_signal(end)  # a signal before it ends the process at once, and with it the child
+    at_stop_signal(end)  # a signal before it ends the process at once; a child that compiles then ends by itself
 
     def warm_up() -> None:
         try:

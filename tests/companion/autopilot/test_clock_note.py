@@ -19,6 +19,8 @@ from drivers.mavlink.session_types import LinkStatus, MavlinkParams, Vehicle
 from drivers.simulation.autopilot import SimulatedAutopilot
 from drivers.simulation.firmware_profile import FirmwareProfile
 
+from ..link_status import link_status
+
 NS = 1_000_000_000
 MS = 1_000_000
 VEHICLE = Vehicle(1, "PX4", 2, False, 0, NS)
@@ -27,16 +29,8 @@ VEHICLE = Vehicle(1, "PX4", 2, False, 0, NS)
 def link(bound_ms: float | None, answered: bool = True) -> LinkStatus:
     """A link whose clock has this error bound; None: there are only arrival times."""
     known = ClockEstimate(ClockSource.TIMESYNC, bound_ns=round((bound_ms or 0.0) * MS))
-    return LinkStatus(
-        vehicle=VEHICLE,
-        clock=ClockEstimate(ClockSource.ENVELOPE) if bound_ms is None else known,
-        clock_restarts=0,
-        attitude_hz=100.0,
-        position_hz=30.0,
-        received=1,
-        counts={},
-        timesync_answered=answered,
-    )
+    clock = ClockEstimate(ClockSource.ENVELOPE) if bound_ms is None else known
+    return link_status(VEHICLE, clock=clock, timesync_answered=answered)
 
 
 def texts_of(state: Callable[[int], LinkStatus], seconds: float) -> list[str]:

@@ -14,9 +14,10 @@ from companion.autopilot.line import AutopilotLine
 from companion.autopilot.obstacle_output import ObstacleOutput
 from companion.autopilot.obstacle_report import CameraUse
 from companion.config.avoidance import AvoidParams
-from drivers.mavlink.clock_sync import ClockEstimate, ClockSource
 from drivers.mavlink.dialect import dialect
 from drivers.mavlink.session_types import LinkStatus, Vehicle
+
+from ..link_status import link_status
 
 NS = 1_000_000_000
 
@@ -180,17 +181,8 @@ def test_what_was_read_of_one_of_several_vehicles_brings_no_wall_near(kind: str,
 
 
 def several_vehicles(first: Vehicle) -> LinkStatus:
-    return LinkStatus(
-        vehicle=first,
-        clock=ClockEstimate(ClockSource.ENVELOPE),
-        clock_restarts=0,
-        attitude_hz=0.0,
-        position_hz=0.0,
-        received=1,
-        counts={},
-        vehicle_uncertain=True,
-        conflicts={"several vehicles": "several vehicles, set system_id: systems 1, 7"},
-    )
+    conflicts = {"several vehicles": "several vehicles, set system_id: systems 1, 7"}
+    return link_status(first, vehicle_uncertain=True, conflicts=conflicts)
 
 
 def test_the_ground_station_is_sent_the_cause_while_the_vehicle_received_first_is_silent(tmp_path: Path) -> None:

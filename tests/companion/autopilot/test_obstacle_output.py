@@ -16,27 +16,18 @@ from companion.autopilot.line import AutopilotLine
 from companion.autopilot.obstacle_output import ObstacleOutput
 from companion.autopilot.obstacle_report import CameraUse, ObstacleReport
 from companion.config.avoidance import AvoidParams
-from drivers.mavlink.clock_sync import ClockEstimate, ClockSource
 from drivers.mavlink.commands import SET_MESSAGE_INTERVAL
 from drivers.mavlink.dialect import dialect
-from drivers.mavlink.session_types import LinkStatus, Vehicle
+from drivers.mavlink.session_types import Vehicle
 from osape_client.proto import osape_v1_pb2 as pb
 
+from ..link_status import link_status
 from ..report_chain import AVOID, CAMERA, Chain
 from ..sector_models import model, wall_at
 
 NS = 1_000_000_000
 HOLD_S = 3.0
 SEEN = CameraUse(cameras=("front",), timeout_s=0.3)
-NOT_CONNECTED = LinkStatus(
-    vehicle=None,
-    clock=ClockEstimate(ClockSource.ENVELOPE),
-    clock_restarts=0,
-    attitude_hz=0.0,
-    position_hz=0.0,
-    received=0,
-    counts={},
-)
 WALL = ObstacleReport(NS, np.full(72, 212, np.uint16), {"front": "the service stops"}, "stop")
 
 
@@ -107,7 +98,7 @@ def test_an_armed_vehicle_that_is_silent_may_still_receive(monkeypatch: pytest.M
 @pytest.mark.parametrize("silent", [False, True])
 def test_of_several_vehicles_the_own_one_may_be_armed(monkeypatch: pytest.MonkeyPatch, silent: bool) -> None:
     stop = Stop(monkeypatch, WALL, armed=False)
-    stop.part.tick(NS, replace(NOT_CONNECTED, vehicle_uncertain=True))
+    stop.part.tick(NS, link_status(None, vehicle_uncertain=True))
     stop.posted.clear()
     stop.silent = silent
     stop.part.end()

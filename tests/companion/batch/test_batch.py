@@ -242,7 +242,7 @@ def test_what_a_recovered_log_lacks_is_in_the_tables(tmp_path: Path, monkeypatch
 def test_files_of_two_vehicles_in_one_flight_are_named(
     tmp_path: Path, camera: CameraInfo, processor: str | None, later_s: float, difference: str | None
 ) -> None:
-    """They were processed as one flight without a word."""
+    """They were processed as one flight without a message."""
     v, name = tmp_path / "v", "20261101-100000"
     write_parts(v, name, flight_events(1, 3.0))
     with LogWriter(v / f"{name}.001.mcap") as log, McapRecording(v / f"{name}.000.mcap") as first:

@@ -20,23 +20,17 @@ from companion.guard.states import GuardState, SpeedCommand, StopCommand
 from drivers.mavlink import commands
 from drivers.mavlink.clock_sync import ClockEstimate, ClockSource
 from drivers.mavlink.dialect import dialect
-from drivers.mavlink.session import LinkStatus, MavlinkSession, Vehicle
+from drivers.mavlink.session import MavlinkSession, Vehicle
 from drivers.mavlink.session_types import MavlinkParams
 from drivers.simulation.autopilot import SimulatedAutopilot
 from drivers.simulation.firmware_profile import FirmwareProfile
 
+from ..link_status import link_status
+
 NS = 1_000_000_000
 NOW = 100 * NS
 COPTER = Vehicle(7, "ArduPilot", 2, True, 3, NOW)
-LINK = LinkStatus(
-    vehicle=COPTER,
-    clock=ClockEstimate(ClockSource.NONE),
-    clock_restarts=0,
-    attitude_hz=50.0,
-    position_hz=30.0,
-    received=0,
-    counts={},
-)
+LINK = link_status(COPTER, clock=ClockEstimate(ClockSource.NONE))
 
 
 def reached() -> Certainty:

@@ -32,8 +32,10 @@ from companion.live.service import Service
 from companion.paths import Folders
 from drivers.mavlink.clock_sync import ClockEstimate, ClockSource
 from drivers.mavlink.link import LinkState
-from drivers.mavlink.session_types import LinkStatus, Vehicle
+from drivers.mavlink.session_types import Vehicle
 from osape_client.proto import osape_v1_pb2 as pb
+
+from ..link_status import link_status
 
 CONFIGS = Path(__file__).resolve().parents[3] / "configs"
 S = 1_000_000_000
@@ -197,14 +199,9 @@ def autopilot(
     repeated: bool = False,
     stamps_used: bool = True,
 ) -> AutopilotView:
-    link = LinkStatus(
-        vehicle=Vehicle(1, "PX4", 2, True, 0, S),
+    link = link_status(
+        Vehicle(1, "PX4", 2, True, 0, S),
         clock=clock,
-        clock_restarts=0,
-        attitude_hz=100.0,
-        position_hz=30.0,
-        received=1,
-        counts={},
         timesync_answered=answered,
         attitude_repeated=repeated,
         stamps_used=stamps_used,
